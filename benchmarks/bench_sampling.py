@@ -98,8 +98,8 @@ def own_sampler(fit: Fit, value: Density, settings: SampleSettings, moves: MakeM
     began = time.perf_counter()
     chain = run_chain(value, proposal, settings, 1, moves=moves)
     seconds = time.perf_counter() - began
-    found = bool(chain.diagnoses)
-    return Sampled(seconds, chain.evaluations, chain.ess_bulk if found else 0.0, chain.r_hat if found else np.nan)
+    ess, r_hat = (chain.worst.ess_bulk, chain.worst.r_hat) if chain.diagnoses else (0.0, np.nan)
+    return Sampled(seconds, chain.evaluations, ess, r_hat)
 
 
 def pints_sampler(fit: Fit, value: Density) -> Sampled:

@@ -24,9 +24,9 @@ from aero_bayes import cli, declared
 from aero_bayes.commands.fleet_rigs import FleetFile
 from aero_bayes.config import Config
 from aero_bayes.report.schema_run import FleetJson, RunJson
+from aero_bayes.structure.candidates import describe_law
 from aero_bayes.structure.law import shipped_laws
 from aero_bayes.structure.law_places import LawPlaces
-from aero_bayes.structure.placed_law import describe_law
 
 if typing.TYPE_CHECKING:
     from mkdocs.config.defaults import MkDocsConfig

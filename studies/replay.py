@@ -20,12 +20,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from aero_bayes.estimate.cost import eq6
 from matplotlib.figure import Figure
 from scipy.optimize import Bounds, minimize
 
 from aero_bayes.arrays import FloatArray
 from aero_bayes.data import Recording, to_experiment
-from aero_bayes.estimate.cost import eq6
 from aero_bayes.estimate.fit import declared_overrides, fit
 from aero_bayes.estimate.levenberg_marquardt import FitSettings
 from aero_bayes.estimate.noise import NoiseModel

@@ -9,10 +9,13 @@ from typing import TypeVar
 import numpy as np
 
 from aero_bayes.estimate import NoiseModel
-from aero_bayes.estimate.calibration import Calibration, SimulatedModel
+from aero_bayes.estimate.calibration import Calibration
+from aero_bayes.estimate.fit import fit_calibration
+from aero_bayes.estimate.levenberg_marquardt import FitSettings
 from aero_bayes.estimate.measured_data import MeasuredData
 from aero_bayes.estimate.parameters import Parameter, ParameterSet
 from aero_bayes.estimate.priors import Prior
+from aero_bayes.estimate.result import Fit
 from aero_bayes.simulation.interface import Experiment, GaussNewton, Likelihoods, ParameterTarget, Problem, Trajectories
 from aero_bayes.simulation.model import Model
 from aero_bayes.simulation.model_description import Variable
@@ -40,8 +43,14 @@ def calibration(
 ) -> Calibration:
     runs = tuple(Experiment(t, tuple(outputs), measured=y) for t, y in experiments)
     data = MeasuredData(runs, tuple(f"run {k}" for k in range(len(runs))))
-    simulated = SimulatedModel(model(outputs, [p.name for p in parameters]))
-    return Calibration(data, simulated, ParameterSet(tuple(parameters)), noise or NoiseModel("white"))
+    found = ParameterSet(tuple(parameters))
+    return Calibration(data, model(outputs, found.names), found, noise or NoiseModel("white"))
+
+
+def fitted(formula: Formula, given: Calibration, settings: FitSettings | None = None, seed: int = 1) -> Fit:
+    """A formula fitted to a calibration, by a local search unless the settings say otherwise."""
+    chosen, rng = settings or FitSettings(method="local"), np.random.default_rng(seed)
+    return fit_calibration(given, lambda problem: FormulaSimulator(problem, formula), chosen, rng)
 
 
 def runge_kutta(

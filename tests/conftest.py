@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import re
 from collections import Counter
+from collections.abc import Callable
 from pathlib import Path
 
+import heated_room
 import numpy as np
 import pytest
 from numpy.random import Generator
 
+from aero_bayes.simulation.model import Model
 from aero_bayes.structure.compose import LawModels, law_models
 from aero_bayes.structure.law import Law, shipped_laws
 
@@ -35,6 +39,25 @@ def models(laws: tuple[Law, ...]) -> LawModels:
     return law_models(laws)
 
 
+@pytest.fixture(scope="session")
+def room(tmp_path_factory: pytest.TempPathFactory) -> Model:
+    """The model of the heated room, built once."""
+    return heated_room.model(tmp_path_factory.mktemp("room"))
+
+
 @pytest.fixture
 def rng() -> Generator:
     return np.random.default_rng(20)
+
+
+@pytest.fixture
+def modelica(tmp_path: Path) -> Callable[..., Path]:
+    """Writes a Modelica file, named after its first class or as told, and returns its path."""
+
+    def write(text: str, name: str = "") -> Path:
+        found = re.search(r"^[\s\ufeff]*(?:model|package|block|partial model) (\w+)", text, re.MULTILINE)
+        path = tmp_path / f"{name or (found[1] if found else 'Model')}.mo"
+        path.write_text(text, encoding="utf-8")
+        return path
+
+    return write

@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
+from aero_bayes.structure.candidates import place_laws
 from aero_bayes.structure.law_places import LawPlaces
-from aero_bayes.structure.placed_law import place_laws
 from aero_bayes.structure.write_model import WrittenModel, reserved_names, write_laws
 
 

@@ -11,10 +11,9 @@ from small_rigs import Numbers, explicit, rig, somewhere
 
 from aero_bayes.modelica.flat import FlatModel
 from aero_bayes.modelica.rumoca_front import load_flat
-from aero_bayes.structure.candidates import find_candidates, ports_with_laws
+from aero_bayes.structure.candidates import PlacedLaw, find_candidates, place_law, ports_with_laws
 from aero_bayes.structure.compose import LawModels, compose_laws
 from aero_bayes.structure.law import Law
-from aero_bayes.structure.placed_law import PlacedLaw, place_law
 from aero_bayes.structure.write_model import WrittenModel, write_laws
 
 SIZES = {"f_n": 2.5, "v_n": 1.3, "x_n": 0.8, "u_n": 1.7, "q_n": 2.1, "h_n": 0.9, "d_n": 0.9, "i_n": 1.4, "t_n": 0.3}
@@ -28,7 +27,7 @@ def uses_at(flat: FlatModel, laws: Sequence[Law], *ids: str) -> list[PlacedLaw]:
     for c in (by_id[i] for i in ids):
         sizes = {k: v for k, v in SIZES.items() if k in c.law.nominals}
         on = {p.name: p.value("nominal", {**c.law.nominals, **sizes}) for p in c.law.parameters}
-        placed = place_law(c.law, c.port, taken, nominals=sizes, values=on, neighbour=c.neighbour)
+        placed = place_law(c, taken, nominals=sizes, values=on)
         taken |= {placed.instance, *placed.names.values()}
         placed_laws.append(placed)
     return placed_laws

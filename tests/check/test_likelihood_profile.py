@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from closed_form import FormulaSimulator, calibration, parameter
+from closed_form import FormulaSimulator, calibration, fitted, parameter
 
 from aero_bayes.errors import InputError
 from aero_bayes.estimate import LogUniform, Normal
-from aero_bayes.estimate.fit import fit_calibration
-from aero_bayes.estimate.levenberg_marquardt import FitSettings
-from aero_bayes.estimate.likelihood_profile import profile_likelihood
+from aero_bayes.estimate.target import profile_likelihood
 
 pytestmark = pytest.mark.fast
 
@@ -25,7 +23,7 @@ def test_profile_of_a_linear_model_is_the_parabola_of_its_marginal() -> None:
     y = line(T, np.array([1.0, -0.5])) + 0.2 * np.random.default_rng(21).normal(size=(T.size, 1))
     items = [parameter("a", 0.0, -9.0, 9.0, Normal(0.0, 5.0)), parameter("b", 0.0, -9.0, 9.0, Normal(0.0, 3.0))]
     problem = calibration([(T, y)], ["y"], items)
-    found = fit_calibration(problem, lambda p: FormulaSimulator(p, line), FitSettings(method="local"))
+    found = fitted(line, problem)
     result = profile_likelihood(found, "a", FormulaSimulator(problem.problem(), line), points=41)
     sd = found["a"].sd
     np.testing.assert_allclose(result.drop, 0.5 * ((result.values - found["a"].value) / sd) ** 2, atol=2e-2)
@@ -42,7 +40,7 @@ def test_profile_of_a_product_is_flat_and_says_so() -> None:
     y = product(T, np.array([2.0, 0.5])) + 0.1 * np.random.default_rng(22).normal(size=(T.size, 1))
     items = [parameter(n, 1.0, 0.2, 5.0, LogUniform(0.2, 5.0), "log") for n in ("k_t", "D_t")]
     problem = calibration([(T, y)], ["y"], items)
-    found = fit_calibration(problem, lambda p: FormulaSimulator(p, product), FitSettings(method="local"))
+    found = fitted(product, problem)
     result = profile_likelihood(found, "k_t", FormulaSimulator(problem.problem(), product))
     assert result.interval == (None, None)
     assert result.drop[5:15].max() < 0.05

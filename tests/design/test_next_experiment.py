@@ -14,8 +14,7 @@ from aero_bayes.estimate import Limits
 from aero_bayes.estimate.fit import fit
 from aero_bayes.estimate.information import ExperimentPredictor, posterior_sd
 from aero_bayes.estimate.levenberg_marquardt import FitSettings
-from aero_bayes.estimate.propose import propose_experiment
-from aero_bayes.estimate.separation import separating_experiment
+from aero_bayes.estimate.propose import propose_experiment, separating_experiment
 from aero_bayes.estimate.signal_search import FAMILIES, SearchSettings
 from aero_bayes.estimate.target import NoiseLayout
 from aero_bayes.modelica.compilers import export_fmu
@@ -77,7 +76,7 @@ def test_information_is_that_of_finite_differences_and_a_dense_covariance(fitted
         for sign in (1, -1):
             moved = point + sign * step * np.eye(count)[j]
             rows.append(np.append(predictor.shared.from_search(moved), predictor.delay_value))
-    with predictor.open(predictor.problem([predictor.experiment(volts)])) as simulator:
+    with predictor.open([volts]) as simulator:
         outputs = simulator.simulate(np.array(rows)).outputs[0]
     columns = [(outputs[2 + 2 * j] - outputs[3 + 2 * j]) / (2.0 * step) for j in range(count)]
     columns.append((outputs[0] - outputs[1]) / 2e-4)

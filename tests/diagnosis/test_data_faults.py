@@ -15,11 +15,6 @@ from aero_bayes.estimate.outliers import outlier_rows
 pytestmark = pytest.mark.fast
 
 
-@pytest.fixture(scope="module")
-def room(tmp_path_factory: pytest.TempPathFactory) -> aero_bayes.Model:
-    return heated_room.model(tmp_path_factory.mktemp("room"))
-
-
 def assert_right(found: aero_bayes.Fit, kinds: set[str], share: float = 0.03) -> None:
     assert found["C"].value == pytest.approx(heated_room.C, rel=share)
     assert found["G"].value == pytest.approx(heated_room.G, rel=share)

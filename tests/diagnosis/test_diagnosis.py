@@ -15,11 +15,6 @@ from aero_bayes.report.words import verdict
 pytestmark = pytest.mark.fast
 
 
-@pytest.fixture(scope="module")
-def room(tmp_path_factory: pytest.TempPathFactory) -> aero_bayes.Model:
-    return heated_room.model(tmp_path_factory.mktemp("room"))
-
-
 def judged(diagnosis: Diagnosis) -> VerdictJson:
     return verdict(RunJson.model_validate({"diagnosis": plain(diagnosis.rows)}))
 

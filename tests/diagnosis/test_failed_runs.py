@@ -9,7 +9,7 @@ import pytest
 
 import aero_bayes
 from aero_bayes import FitSettings, Recording
-from aero_bayes.estimate.diagnose import domain_texts
+from aero_bayes.estimate.diagnosis import domain_texts
 
 pytestmark = pytest.mark.fast
 

@@ -16,11 +16,6 @@ from aero_bayes.estimate import CalibrationSettings
 pytestmark = pytest.mark.fast
 
 
-@pytest.fixture(scope="module")
-def room(tmp_path_factory: pytest.TempPathFactory) -> aero_bayes.Model:
-    return heated_room.model(tmp_path_factory.mktemp("room"))
-
-
 def changed(channel: str, change: Callable[[np.ndarray], np.ndarray]) -> Recording:
     given = heated_room.recording()
     inputs = {n: change(v) if n == channel else v for n, v in given.inputs.items()}

@@ -14,11 +14,6 @@ from aero_bayes.estimate.levenberg_marquardt import FitSettings
 pytestmark = pytest.mark.fast
 
 
-@pytest.fixture(scope="module")
-def room(tmp_path_factory: pytest.TempPathFactory) -> aero_bayes.Model:
-    return heated_room.model(tmp_path_factory.mktemp("room"))
-
-
 def two(monkeypatch: pytest.MonkeyPatch, capacity: float) -> list[Recording]:
     """The room, and the same room with another heat capacity."""
     first = heated_room.recording(seed=1)

@@ -70,7 +70,7 @@ def test_a_loose_tolerance_is_found_with_output_and_size(pendulum: aero_bayes.Mo
     # Independent: the engine's own answer at a tolerance at which it has converged.
     moved = loose.solver_difference["phi"]
     solver = SolverSettings(relative_tolerance=1e-10, absolute_tolerance=1e-10)
-    exact = replace(loose.calibration, simulated=replace(loose.calibration.simulated, solver=solver))
+    exact = replace(loose.calibration, solver=solver)
     with open_simulator(exact.problem(), workers=0) as simulator:
         error = simulator.simulate(loose.values[np.newaxis]).outputs[0][0][:, 0] - loose.fitted[0][:, 0]
     assert moved == pytest.approx(float(np.sqrt(np.mean(error**2))), rel=0.5)

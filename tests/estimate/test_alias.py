@@ -15,12 +15,10 @@ from aero_bayes.data import Recording
 from aero_bayes.estimate import CalibrationSettings, Override, parameters_from_model
 from aero_bayes.estimate.calibration import calibrate
 from aero_bayes.estimate.global_search import GlobalSearch, GlobalSearchResult
-from aero_bayes.estimate.interpolation import choose_interpolation
 from aero_bayes.estimate.levenberg_marquardt import FitSettings
 from aero_bayes.estimate.objective import Objective
-from aero_bayes.modelica.compilers import export_fmu
+from aero_bayes.estimate.simulate import choose_interpolation
 from aero_bayes.simulation.engines import open_simulator
-from aero_bayes.simulation.model import Model
 
 OSCILLATOR = """model Oscillator "A mass on a spring"
   parameter Real m(unit = "s2", min = 0) = 6e-6;
@@ -51,11 +49,9 @@ def record() -> Recording:
     return Recording("run", time[keep] - time[1000], {"u": u[keep]}, {"y": y})
 
 
-def test_a_resonance_is_not_taken_for_its_alias(tmp_path):
+def test_a_resonance_is_not_taken_for_its_alias(modelica):
     """Held inputs make the alias the better of two bad fits; straight lines are tried from the start as well."""
-    source = tmp_path / "Oscillator.mo"
-    source.write_text(OSCILLATOR, encoding="utf-8")
-    model = Model.load(export_fmu("Oscillator", tmp_path / "o.fmu", sources=[source]))
+    model = modelica(OSCILLATOR)
     free = parameters_from_model(model, overrides={name: Override() for name in ("m", "d", "a")})
     held = calibrate([record()], model, free, settings=CalibrationSettings(initial_states="estimated"))
     with open_simulator(held.problem(), workers=0) as simulator:

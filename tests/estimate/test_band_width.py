@@ -8,11 +8,10 @@ import pytest
 
 from aero_bayes.estimate import Normal
 from aero_bayes.estimate.fit import fit_calibration
-from aero_bayes.estimate.laplace import BLOCK_COUNT, LinearisedFit, blocks_of_time
+from aero_bayes.estimate.laplace import BLOCK_COUNT, LinearisedFit, blocks_of_time, conformal_quantile
 from aero_bayes.estimate.levenberg_marquardt import FitSettings
+from aero_bayes.estimate.noise import residual_correlation_time
 from aero_bayes.estimate.result import Fit
-from aero_bayes.estimate.stage_report import conformal_quantile
-from aero_bayes.estimate.whiteness import residual_correlation_time
 from aero_bayes.simulation.interface import NORMAL_HALF_WIDTH
 
 PRIOR_SD, ROWS, NOISE = 50.0, 240, 0.1

@@ -11,8 +11,7 @@ import pytest
 from facts import facts
 from scipy.stats import gamma
 
-from aero_bayes.estimate.fit import fit_calibration
-from aero_bayes.estimate.levenberg_marquardt import FitSettings, QuadraticModel, levenberg_marquardt
+from aero_bayes.estimate.levenberg_marquardt import QuadraticModel, levenberg_marquardt
 
 pytestmark = pytest.mark.fast
 
@@ -71,10 +70,7 @@ def test_a_user_brings_a_prior_of_his_own():
     y = 2.0 + 3.0 * rng.standard_normal((time.size, 1))
     items = [closed_form.parameter("k", 1.0, 0.01, 20.0, Gamma(9.0, 3.0))]
     problem = closed_form.calibration([(time, y)], ["y"], items)
-    found = fit_calibration(
-        problem, lambda p: closed_form.FormulaSimulator(p, lambda t, v: v[0] + 0.0 * t[:, None]),
-        FitSettings(method="local"),
-    )  # fmt: skip
+    found = closed_form.fitted(lambda t, v: v[0] + 0.0 * t[:, None], problem)
     precision = time.size / found.noise["y"].sd_white ** 2
     b = precision * y.mean() - 3.0
     assert found["k"].value == pytest.approx((b + np.sqrt(b * b + 4.0 * precision * 8.0)) / (2.0 * precision), rel=2e-3)

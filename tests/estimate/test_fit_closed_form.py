@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from closed_form import FormulaSimulator, calibration, parameter
+from closed_form import calibration, fitted, parameter
 from scipy.optimize import least_squares
 
 from aero_bayes.errors import CannotFinishError
 from aero_bayes.estimate import LogUniform, NoiseModel, Normal, Uniform
-from aero_bayes.estimate.fit import fit_calibration
 from aero_bayes.estimate.identifiability import Status
 from aero_bayes.estimate.levenberg_marquardt import FitSettings
 from aero_bayes.estimate.swarm import SwarmSettings
@@ -17,7 +16,7 @@ from aero_bayes.estimate.swarm import SwarmSettings
 pytestmark = pytest.mark.fast
 
 T = np.linspace(0.0, 4.0, 120)
-SMALL = SwarmSettings(particles=16, iterations=30)
+SWARM = FitSettings(pso=SwarmSettings(particles=16, iterations=30))
 
 
 def line(t: np.ndarray, v: np.ndarray) -> np.ndarray:
@@ -32,12 +31,8 @@ def decay(t: np.ndarray, v: np.ndarray) -> np.ndarray:
 def test_linear_gaussian_posterior_is_the_closed_form() -> None:
     rng = np.random.default_rng(11)
     y = line(T, np.array([1.0, -0.5])) + 0.2 * rng.normal(size=(T.size, 1))
-    problem = calibration(
-        [(T, y)],
-        ["y"],
-        [parameter("a", 0.0, -9.0, 9.0, Normal(0.0, 0.5)), parameter("b", 0.0, -9.0, 9.0, Normal(0.0, 0.3))],
-    )
-    found = fit_calibration(problem, lambda p: FormulaSimulator(p, line), FitSettings(pso=SMALL))
+    items = [parameter(n, 0.0, -9.0, 9.0, Normal(0.0, sd)) for n, sd in (("a", 0.5), ("b", 0.3))]
+    found = fitted(line, calibration([(T, y)], ["y"], items), SWARM)
     design = np.stack([np.ones_like(T), T], axis=1)
     sd = found.noise["y"].sd_white
     precision = design.T @ design / sd**2 + np.diag([1 / 0.5**2, 1 / 0.3**2])
@@ -58,8 +53,7 @@ def test_two_outputs_agree_with_scipy_at_the_same_weights() -> None:
     items = [
         parameter(n, v * 1.15, 0.05, 20.0, LogUniform(0.05, 20.0), "log") for n, v in zip(names, truth, strict=True)
     ]
-    problem = calibration([(T, y)], ["one", "two"], items)
-    found = fit_calibration(problem, lambda p: FormulaSimulator(p, decay), FitSettings(method="local"))
+    found = fitted(decay, calibration([(T, y)], ["one", "two"], items))
     weight = np.array([found.noise["one"].sd_white, found.noise["two"].sd_white])
     seen = np.isfinite(y)
     reference = least_squares(lambda v: ((decay(T, v) - y) / weight)[seen], truth, xtol=1e-14, ftol=1e-14)
@@ -78,10 +72,8 @@ def test_swarm_finds_the_basin_that_a_local_search_misses() -> None:
     rng = np.random.default_rng(13)
     y = wave(T, np.array([7.0])) + 0.05 * rng.normal(size=(T.size, 1))
     problem = calibration([(T, y)], ["y"], [parameter("w", 1.0, 0.1, 30.0, LogUniform(0.1, 30.0), "log")])
-    settings = FitSettings(pso=SwarmSettings(particles=30, iterations=40))
-    alone = fit_calibration(problem, lambda p: FormulaSimulator(p, wave), FitSettings(method="local"))
-    chain = fit_calibration(problem, lambda p: FormulaSimulator(p, wave), settings)
-    assert abs(alone.values[0] - 7.0) > 1.0
+    chain = fitted(wave, problem, FitSettings(pso=SwarmSettings(particles=30, iterations=40)))
+    assert abs(fitted(wave, problem).values[0] - 7.0) > 1.0
     assert chain.values[0] == pytest.approx(7.0, abs=0.02)
 
 
@@ -95,9 +87,7 @@ def test_a_parameter_without_effect_is_unidentified_and_gets_no_error_bar() -> N
         parameter("A", 1.0, 0.1, 9.0, Uniform(0.1, 9.0)),
         parameter("L_a", 0.3, 0.1, 9.0, LogUniform(0.1, 9.0), "log"),
     ]
-    found = fit_calibration(
-        calibration([(T, y)], ["y"], items), lambda p: FormulaSimulator(p, blind), FitSettings(pso=SMALL)
-    )
+    found = fitted(blind, calibration([(T, y)], ["y"], items), SWARM)
     estimate = found["L_a"]
     assert estimate.status is Status.UNIDENTIFIED
     assert estimate.sd is None
@@ -119,9 +109,7 @@ def test_sums_products_and_ratios_are_named() -> None:
         parameter(n, v, v / 9, v * 9, LogUniform(v / 9, v * 9), "log")
         for n, v in zip(["J_r", "J_s", "k_t", "D_t", "J_p"], truth, strict=True)
     ]
-    found = fit_calibration(
-        calibration([(T, y)], ["a", "b"], items), lambda p: FormulaSimulator(p, mixed), FitSettings(method="local")
-    )
+    found = fitted(mixed, calibration([(T, y)], ["a", "b"], items))
     assert {c.text for c in found.identifiability.combinations} == {"J_r + J_s", "k_t D_t / J_p"}
 
 
@@ -136,9 +124,7 @@ def test_an_optional_parameter_is_freed_only_where_the_data_shows_it() -> None:
             parameter("A", 0.4, 0.1, 9.0, Uniform(0.1, 9.0)),
             parameter("L_a", 0.03, 0.003, 0.3, LogUniform(0.003, 0.3), "log", free_if_identified=True),
         ]
-        found = fit_calibration(
-            calibration([(times, y)], ["y"], items), lambda p: FormulaSimulator(p, two_speeds), FitSettings(pso=SMALL)
-        )
+        found = fitted(two_speeds, calibration([(times, y)], ["y"], items), SWARM)
         assert (found["L_a"].sd is not None) == shown
         assert found["L_a"].value == (pytest.approx(0.02, rel=0.3) if shown else 0.03)
 
@@ -150,24 +136,18 @@ def test_correlated_residuals_widen_the_intervals_and_warn() -> None:
     for k in range(1, t.size):
         x[k] = 0.98 * x[k - 1] + 0.04 * rng.normal()
     y = (1.0 + 0.2 * t + x + 0.02 * rng.normal(size=t.size))[:, None]
-    items = [parameter("a", 0.0, -9.0, 9.0, Normal(0.0, 3.0)), parameter("b", 0.0, -9.0, 9.0, Normal(0.0, 3.0))]
-    results = {}
-    for kind in ("white", "auto"):
-        problem = calibration([(t, y)], ["y"], items, NoiseModel(kind))
-        results[kind] = fit_calibration(problem, lambda p: FormulaSimulator(p, line), FitSettings(method="local"))
-    assert results["auto"].noise["y"].model_error
-    assert results["auto"].spread is not None
-    assert results["white"].spread is None
-    np.testing.assert_allclose(results["auto"].values, results["white"].values, atol=1e-4)
-    assert results["auto"]["a"].sd > 3 * results["white"].parameters["a"].sd
-    assert results["auto"].warnings
-    assert "y" in results["auto"].warnings[0]
-    assert results["white"].warnings
+    items = [parameter(n, 0.0, -9.0, 9.0, Normal(0.0, 3.0)) for n in "ab"]
+    white, auto = (fitted(line, calibration([(t, y)], ["y"], items, NoiseModel(k))) for k in ("white", "auto"))
+    assert auto.noise["y"].model_error
+    assert auto.spread is not None
+    assert white.spread is None
+    np.testing.assert_allclose(auto.values, white.values, atol=1e-4)
+    assert auto["a"].sd > 3 * white["a"].sd
+    assert "y" in auto.warnings[0]
+    assert white.warnings
 
 
 def test_a_model_that_never_runs_is_said_in_one_line() -> None:
     problem = calibration([(T, T[:, None])], ["y"], [parameter("a", 0.0, -9.0, 9.0, Normal(0.0, 3.0))])
     with pytest.raises(CannotFinishError, match="not a finite number"):
-        fit_calibration(
-            problem, lambda p: FormulaSimulator(p, lambda t, v: t[:, None] * np.nan), FitSettings(pso=SMALL)
-        )
+        fitted(lambda t, v: t[:, None] * np.nan, problem, SWARM)

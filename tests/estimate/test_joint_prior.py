@@ -10,8 +10,7 @@ from scipy.stats import multivariate_normal
 
 import aero_bayes
 from aero_bayes import InputError
-from aero_bayes.estimate.joint_prior import with_joint_prior
-from aero_bayes.estimate.parameters import Override, ParameterSet, parameters_from_model
+from aero_bayes.estimate.parameters import Override, ParameterSet, parameters_from_model, with_joint_prior
 
 pytestmark = pytest.mark.fast
 

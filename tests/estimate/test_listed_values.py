@@ -12,7 +12,7 @@ from click.testing import CliRunner
 import aero_bayes
 from aero_bayes.cli import main
 from aero_bayes.errors import InputError
-from aero_bayes.estimate.listed_values import combinations
+from aero_bayes.estimate.calibrated_model import combinations
 from aero_bayes.estimate.parameters import Override
 
 MODEL = """
@@ -35,6 +35,7 @@ equation
 end Coil;
 """
 QUICK = aero_bayes.FitSettings(method="local")
+KNOWN = {"offset": {"values": [False]}, "law": {"values": ["Square"]}}
 
 
 @pytest.fixture(scope="module")
@@ -67,11 +68,8 @@ def recording_of(table: dict[str, np.ndarray]) -> aero_bayes.Recording:
 
 
 def test_whole_number_switch_and_enumeration(model: aero_bayes.Model, table: dict[str, np.ndarray], tmp_path: Path):
-    listed = {
-        "n": {"values": [1, 3]},
-        "offset": Override(values=(True, False)),
-        "law": {"values": ["Linear", "Square"]},
-    }
+    offset = Override(values=(True, False))
+    listed = {"n": {"values": [1, 3]}, "offset": offset, "law": {"values": ["Linear", "Square"]}}
     found = aero_bayes.fit(
         recording_of(table), model, parameters={"R": (0.1, 20.0), **listed}, settings=QUICK, workers=0
     )
@@ -90,21 +88,15 @@ def test_whole_number_switch_and_enumeration(model: aero_bayes.Model, table: dic
 
 
 def test_values_of_a_real_parameter(model: aero_bayes.Model, table: dict[str, np.ndarray]):
-    chosen = {
-        "R": (0.1, 20.0),
-        "gain": {"values": [1.0, 3.0]},
-        "offset": {"values": [False]},
-        "law": {"values": ["Square"]},
-    }
+    chosen = {"R": (0.1, 20.0), "gain": {"values": [1.0, 3.0]}} | KNOWN
     found = aero_bayes.fit(recording_of(table), model, parameters=chosen, settings=QUICK, workers=0)
     assert found.trials[0].values["gain"] == 3.0
-    assert found.calibration.simulated.fixed["gain"] == 3.0
+    assert found.calibration.fixed["gain"] == 3.0
 
 
 def test_values_that_do_as_well_share_the_probability(model: aero_bayes.Model, table: dict[str, np.ndarray]):
     # gain * n is all that matters: with the gain free, each n fits alike.
-    chosen = {"R": (0.1, 20.0), "gain": (0.1, 10.0), "n": {"values": [1, 2]}, "offset": {"values": [False]},
-              "law": {"values": ["Square"]}}  # fmt: skip
+    chosen = {"R": (0.1, 20.0), "gain": (0.1, 10.0), "n": {"values": [1, 2]}} | KNOWN
     found = aero_bayes.fit(recording_of(table), model, parameters=chosen, settings=QUICK, workers=0)
     assert [t.share for t in found.trials] == pytest.approx([0.5, 0.5], abs=0.1)
 

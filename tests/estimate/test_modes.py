@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+import closed_form
 import numpy as np
 import pytest
-from closed_form import FormulaSimulator, calibration, parameter
+from closed_form import calibration, parameter
 
 from aero_bayes.estimate import NoiseModel, Uniform
-from aero_bayes.estimate.fit import fit_calibration
 from aero_bayes.estimate.levenberg_marquardt import FitSettings
 from aero_bayes.estimate.swarm import SwarmSettings
 
@@ -40,9 +40,7 @@ def fitted(formula, names, truth, seed, low, high):
         parameter(n, 0.4 * a + 0.6 * b, a, b, Uniform(a, b), "linear") for n, a, b in zip(names, low, high, strict=True)
     ]
     problem = calibration([(TIME, y)], ["y"], items, NoiseModel())
-    return fit_calibration(
-        problem, lambda asked: FormulaSimulator(asked, formula), SETTINGS, np.random.default_rng(seed)
-    )
+    return closed_form.fitted(formula, problem, SETTINGS, seed)
 
 
 @pytest.mark.parametrize("seed", SEEDS)

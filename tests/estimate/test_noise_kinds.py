@@ -6,18 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from heated_room import C, G, fit, model, recording, with_readings
+from heated_room import C, G, fit, recording, with_readings
 
 import aero_bayes
 from aero_bayes.errors import InputError
 from aero_bayes.estimate.noise import NoiseModel
 from aero_bayes.estimate.objective import Objective
 from aero_bayes.simulation.engines import open_simulator
-
-
-@pytest.fixture(scope="module")
-def room(tmp_path_factory: pytest.TempPathFactory) -> aero_bayes.Model:
-    return model(tmp_path_factory.mktemp("room"))
 
 
 def with_outliers(seed: int) -> aero_bayes.Recording:

@@ -184,7 +184,7 @@ def test_given_diffusion_is_kept_and_an_uncertain_start_is_the_models(model):
     recording, _ = drawn(np.random.default_rng(4))
     fit = fitted(model, recording, process={"x": 1.0}, initial_sd={"x": 0.5})
     assert "process.x" not in fit.calibration.parameters
-    assert fit.calibration.simulated.process.diffusion == {"x": 1.0}
+    assert fit.calibration.process.diffusion == {"x": 1.0}
     assert "x" not in fit.calibration.data.experiments[0].start
     with pytest.raises(InputError, match="no state 'z'"):
         fitted(model, recording, process={"z": "estimated"})

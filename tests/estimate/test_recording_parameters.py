@@ -12,7 +12,7 @@ import aero_bayes
 from aero_bayes import FitSettings, Recording
 from aero_bayes.estimate import Override
 from aero_bayes.simulation.model import Model
-from aero_bayes.simulation.start_parameters import start_parameters
+from aero_bayes.simulation.probed_facts import start_parameters
 
 LAG = """
 model Lag
@@ -30,6 +30,7 @@ equation
 end Lag;
 """
 LOCAL = FitSettings("local")
+SEARCHED = {"gain": Override(per_recording=True), "tau": None}
 
 
 def lag(rng: np.random.Generator, name: str, gain: float, start: float) -> Recording:
@@ -50,8 +51,7 @@ def test_only_what_does_nothing_else_is_an_initial_value(modelica: Callable[[str
 
 def test_a_value_for_each_recording(modelica: Callable[[str], Model], rng: np.random.Generator):
     recordings = [lag(rng, "empty", 2.0, 0.0), lag(rng, "loaded", 3.5, 1.0)]
-    searched = {"gain": Override(per_recording=True), "tau": None}
-    fit = aero_bayes.fit(recordings, modelica(LAG), parameters=searched, settings=LOCAL, workers=0)
+    fit = aero_bayes.fit(recordings, modelica(LAG), parameters=SEARCHED, settings=LOCAL, workers=0)
     assert [n for n in fit.parameters if n.startswith("gain")] == ["gain@empty", "gain@loaded"]
     for name, truth in (("gain@empty", 2.0), ("gain@loaded", 3.5), ("tau", 4.0)):
         assert abs(fit[name].value - truth) < 4.0 * (fit[name].sd or 0.0)
@@ -66,8 +66,7 @@ def test_a_value_for_each_recording(modelica: Callable[[str], Model], rng: np.ra
 
 def test_posterior_has_each(modelica: Callable[[str], Model], rng: np.random.Generator):
     recordings = [lag(rng, "a", 2.0, 0.0), lag(rng, "b", 3.5, 1.0)]
-    searched = {"gain": Override(per_recording=True), "tau": None}
-    fit = aero_bayes.fit(recordings, modelica(LAG), parameters=searched, settings=LOCAL, workers=0)
+    fit = aero_bayes.fit(recordings, modelica(LAG), parameters=SEARCHED, settings=LOCAL, workers=0)
     posterior = aero_bayes.sample(fit, settings=aero_bayes.SampleSettings(max_steps=300), workers=0)
     assert posterior["gain@b"].value == pytest.approx(3.5, rel=0.01)
     assert posterior["gain@a"].value == pytest.approx(2.0, rel=0.01)
@@ -92,8 +91,7 @@ def test_written_model_says_what_it_holds(tmp_path: Path, rng: np.random.Generat
     (tmp_path / "Lag.mo").write_text(LAG)
     model = aero_bayes.load_model(tmp_path / "Lag.mo")
     recordings = [lag(rng, "a", 2.0, 7.0), lag(rng, "b", 3.0, 7.0)]
-    searched = {"gain": Override(per_recording=True), "tau": None}
-    fit = aero_bayes.fit(recordings, model, parameters=searched, settings=LOCAL, workers=0)
+    fit = aero_bayes.fit(recordings, model, parameters=SEARCHED, settings=LOCAL, workers=0)
     written = fit.calibrated
     assert written.parameters["gain"] == pytest.approx(2.5, rel=0.01)
     assert "gain@a = " in written.remarks["gain"]
@@ -105,8 +103,7 @@ def test_parts_of_a_recording_share_its_value(modelica: Callable[[str], Model], 
     # No sample around a change of the input: the recording is cut there.
     keep = (whole.time < 18.0) | (whole.time > 22.0)
     recordings = [whole.rows_where(keep, "empty"), lag(rng, "loaded", 3.5, 1.0)]
-    searched = {"gain": Override(per_recording=True), "tau": None}
-    fit = aero_bayes.fit(recordings, modelica(LAG), parameters=searched, settings=LOCAL, workers=0)
+    fit = aero_bayes.fit(recordings, modelica(LAG), parameters=SEARCHED, settings=LOCAL, workers=0)
     assert len(fit.calibration.data.recordings) == 3
     assert [n for n in fit.parameters if n.startswith("gain")] == ["gain@empty", "gain@loaded"]
     for name, truth in (("gain@empty", 2.0), ("gain@loaded", 3.5)):

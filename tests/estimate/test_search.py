@@ -9,6 +9,7 @@ import pytest
 from scipy.optimize import least_squares, lsq_linear
 
 from aero_bayes.estimate.levenberg_marquardt import (
+    CostShape,
     FixedCost,
     LocalSettings,
     QuadraticModel,
@@ -16,7 +17,6 @@ from aero_bayes.estimate.levenberg_marquardt import (
     bounded_step,
     levenberg_marquardt,
 )
-from aero_bayes.estimate.step_rule import CostShape
 
 pytestmark = pytest.mark.fast
 
@@ -173,13 +173,8 @@ def test_a_kink_ends_what_goes_across_it_and_not_the_search() -> None:
     start, box = np.array([3.0, 0.0]), (np.array([0.0, -9.0]), np.array([9.0, 9.0]))
     few = LocalSettings(max_rejections=6)
     assert levenberg_marquardt(FixedCost(kinked), start, *box, few).point == pytest.approx(start, abs=0.1)
-    cell = levenberg_marquardt(
-        FixedCost(kinked),
-        start,
-        *box,
-        few,
-        shape=CostShape(lambda p: (np.array([3.0, -np.inf]), np.array([4.0, np.inf]))),
-    )
+    shape = CostShape(lambda p: (np.array([3.0, -np.inf]), np.array([4.0, np.inf])))
+    cell = levenberg_marquardt(FixedCost(kinked), start, *box, few, shape=shape)
     assert cell.point == pytest.approx([3.0, 4.0])
     assert cell.reason.converged
 
@@ -215,14 +210,9 @@ def test_a_valley_that_is_straight_in_the_values_is_walked_at_once() -> None:
 
     box = np.array([math.log(1e-4), -9.0, -9.0]), np.array([math.log(10.0), 9.0, 9.0])
     start = np.array([0.0, -1.1, 1.6])
-    bent = levenberg_marquardt(FixedCost(quadratic), start, *box, LocalSettings(iterations=200))
-    straight = levenberg_marquardt(
-        FixedCost(quadratic),
-        start,
-        *box,
-        LocalSettings(iterations=200),
-        shape=CostShape(logarithmic=np.array([True, False, False])),
-    )
+    many, shape = LocalSettings(iterations=200), CostShape(logarithmic=np.array([True, False, False]))
+    bent = levenberg_marquardt(FixedCost(quadratic), start, *box, many)
+    straight = levenberg_marquardt(FixedCost(quadratic), start, *box, many, shape=shape)
     assert straight.evaluations < 0.5 * bent.evaluations
     assert straight.cost < 1.0
     assert straight.point[1:] == pytest.approx([1.0, 0.5], abs=0.02)

@@ -11,9 +11,8 @@ from scipy.signal import lfilter
 from scipy.stats import norm, t
 
 from aero_bayes.estimate import NoiseModel, Normal
-from aero_bayes.estimate.fit import fit_calibration
 from aero_bayes.estimate.laplace import curvature_adjustment, jackknife_covariance, widened_covariance
-from aero_bayes.estimate.levenberg_marquardt import FitSettings, LocalSettings
+from aero_bayes.estimate.levenberg_marquardt import LocalSettings
 from aero_bayes.estimate.local_fit import LocalFitSettings, Optimum, local_fit
 from aero_bayes.estimate.noise import OutputNoise, SampleTimes
 from aero_bayes.estimate.objective import Objective, Series
@@ -148,8 +147,7 @@ def test_the_loops_intervals_are_those_of_a_fit():
     y = 1.0 - 0.5 * TIME + 0.2 * np.sin(40.0 * TIME**2) + 0.01 * rng.standard_normal(N)
     items = [closed_form.parameter(n, 0.0, -10.0, 10.0, Normal(0.0, 3.0)) for n in "ab"]
     problem = closed_form.calibration([(TIME, y[:, None])], ["y"], items, NoiseModel("auto"))
-    settings = FitSettings(method="local")
-    found = fit_calibration(problem, lambda p: closed_form.FormulaSimulator(p, line), settings)
+    found = closed_form.fitted(line, problem)
     assert found.noise["y"].model_error
     assert found.spread is not None
     assert found.laplace.covariance == pytest.approx(found.optimum.covariance, rel=1e-6)

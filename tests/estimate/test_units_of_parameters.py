@@ -10,9 +10,7 @@ from aero_bayes.estimate import CalibrationSettings, Override, parameters_from_m
 from aero_bayes.estimate.calibration import calibrate
 from aero_bayes.estimate.local_fit import LocalFitSettings, local_fit
 from aero_bayes.estimate.objective import Objective
-from aero_bayes.modelica.compilers import export_fmu
 from aero_bayes.simulation.engines import open_simulator
-from aero_bayes.simulation.model import Model
 
 pytestmark = pytest.mark.fast
 
@@ -30,10 +28,8 @@ end Line;
 NOISE = 0.1
 
 
-def test_a_range_far_wider_leaves_the_intervals_of_least_squares(tmp_path):
-    source = tmp_path / "Line.mo"
-    source.write_text(LINE, encoding="utf-8")
-    model = Model.load(export_fmu("Line", tmp_path / "l.fmu", sources=[source]))
+def test_a_range_far_wider_leaves_the_intervals_of_least_squares(modelica):
+    model = modelica(LINE)
     rng = np.random.default_rng(17)
     time = 0.1 * np.arange(400)
     u = np.repeat(rng.uniform(-1.0, 1.0, 100), 4)

@@ -33,15 +33,3 @@ def screening_fmu(tmp_path_factory: pytest.TempPathFactory) -> Path:
     every: dict[str, dict[str, float]] = {id_: {} for id_ in declaration_of(BASE).effects}
     model = write_effects(BASE, every, folder, "OneDof_screening")
     return export_fmu(model.name, folder / "screening.fmu", compiler="embedded", sources=[model.path])
-
-
-@pytest.fixture
-def modelica(tmp_path: Path) -> Callable[[str, str], Path]:
-    """Writes a Modelica file and returns its path."""
-
-    def write(name: str, text: str) -> Path:
-        path = tmp_path / f"{name}.mo"
-        path.write_text(text, encoding="utf-8")
-        return path
-
-    return write

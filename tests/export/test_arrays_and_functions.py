@@ -13,7 +13,7 @@ from export_driver import driven
 from aero_bayes.errors import InputError
 from aero_bayes.modelica.compilers import export_fmu
 
-Write = Callable[[str, str], Path]
+Write = Callable[..., Path]
 
 SOURCE = """within ;
 package Shapes
@@ -93,7 +93,7 @@ end Shapes;
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_a_chain_of_arrays_records_and_functions(sign: float, modelica: Write, tmp_path: Path) -> None:
-    path = export_fmu("Shapes.Chain", tmp_path / "c.fmu", compiler="embedded", sources=[modelica("Shapes", SOURCE)])
+    path = export_fmu("Shapes.Chain", tmp_path / "c.fmu", compiler="embedded", sources=[modelica(SOURCE)])
     x = sign * np.array([0.7, -0.4, 1.3, 0.2, -1.1, 0.5])
     k = np.arange(1.0, 7.0)
     m = np.array([[1.0, 2.0], [3.0, 4.0]])
@@ -120,9 +120,7 @@ def test_a_chain_of_arrays_records_and_functions(sign: float, modelica: Write, t
 
 def test_two_flywheels_behind_a_rigid_gear_have_one_speed(modelica: Write, tmp_path: Path) -> None:
     # index three: three equations tie angles, speeds and accelerations; closed form of the reduced model
-    source = modelica(
-        "Geared",
-        """within ;
+    source = modelica("""within ;
 model Geared
   parameter Real r = 3, J_1 = 0.1, J_2 = 0.5, d = 0.2;
   Real phi_1(start = 0, fixed = true), w_1(start = 6, fixed = true), a_1, tau_1;
@@ -139,8 +137,7 @@ equation
   0 = r * tau_1 + tau_2;
   y = phi_2;
 end Geared;
-""",
-    )
+""")
     path = export_fmu("Geared", tmp_path / "g.fmu", compiler="embedded", sources=[source])
     with driven(path) as fmu:
         assert len(fmu.states) == 2
@@ -168,6 +165,6 @@ def test_what_is_not_translated_is_one_line(lines: str, message: str, modelica: 
     head = f"within ;\nmodel Bad\n  Real x(start = {exp(-1)}, fixed = true);\n  Real y, z;\nequation\n  der(x) = -x;\n"
     text = f"{head}{lines}end Bad;\n"
     with pytest.raises(InputError, match=message) as caught:
-        export_fmu("Bad", tmp_path / "b.fmu", compiler="embedded", sources=[modelica("Bad", text)])
+        export_fmu("Bad", tmp_path / "b.fmu", compiler="embedded", sources=[modelica(text)])
     assert "\n" not in str(caught.value)
     assert not (tmp_path / "b.fmu").exists()

@@ -141,9 +141,10 @@ def test_numbers_go_from_unit_to_unit(unit: str, to: str, number: float, expecte
         ('extends B(text = "redeclare model C = D(k = 1)");', ""),
     ],
 )  # fmt: skip
-def test_what_the_compiler_would_drop_is_refused_with_its_line(body: str, message: str, tmp_path: Path) -> None:
-    file = tmp_path / "A.mo"
-    file.write_text(f"model A\n  {body}\nend A;\n", encoding="utf-8")
+def test_what_the_compiler_would_drop_is_refused_with_its_line(
+    body: str, message: str, modelica, tmp_path: Path
+) -> None:
+    file = modelica(f"model A\n  {body}\nend A;\n")
     if message:
         with pytest.raises(InputError, match=r"A\.mo:[23]: .*" + message):
             refuse_dropped(tmp_path, [file])

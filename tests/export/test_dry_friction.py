@@ -25,7 +25,7 @@ from aero_bayes.simulation.interface import Experiment, InputSignal, Outcome, Pa
 from aero_bayes.simulation.model import Model
 from aero_bayes.simulation.native_simulator import NativeSimulator
 
-Write = Callable[[str, str], Path]
+Write = Callable[..., Path]
 FloatArray = NDArray[np.float64]
 KINDS = pytest.mark.parametrize("kind", ["ModelExchange", "CoSimulation"])
 SIGN = "F_c * sign(v)"
@@ -40,9 +40,7 @@ M, K, F_C = 0.7, 40.0, 0.5
 def sledge(modelica: Write, friction: str = SIGN, start: float = 0.1) -> Path:
     declared = "Boolean forward;" if "forward" in friction else ""
     equation = "forward = v > 0;" if "forward" in friction else ""
-    source = modelica(
-        "Sledge",
-        f"""model Sledge "A mass on a spring with dry friction"
+    source = modelica(f"""model Sledge "A mass on a spring with dry friction"
   parameter Real m = {M};
   parameter Real k = {K};
   parameter Real F_c = {F_C};
@@ -57,8 +55,7 @@ equation
   m * der(v) = F - k * s - f;
   f = {friction};
 end Sledge;
-""",
-    )
+""")
     return export_fmu("Sledge", source.with_suffix(".fmu"), compiler="embedded", sources=[source])
 
 
@@ -173,7 +170,7 @@ end Two;
 @KINDS
 def test_two_surfaces_at_once(kind: str, modelica: Write) -> None:
     """At F = 1 both rest, at 2 both move as one (0.8 / 3 < 0.5), at 5 the block slips; then all comes to rest."""
-    source = modelica("Two", TWO)
+    source = modelica(TWO)
     path = export_fmu("Two", source.with_suffix(".fmu"), compiler="embedded", sources=[source])
     signal = np.array(
         [(0, 1), (1, 1), (1, 2), (2, 2), (2, 5), (3, 5), (3, 0), (6, 0)], dtype=[("time", float), ("F", float)]
@@ -217,7 +214,7 @@ end Control;
 
 
 def test_a_curved_surface_and_its_derivatives(modelica: Write) -> None:
-    source = modelica("Control", CONTROL)
+    source = modelica(CONTROL)
     path = export_fmu("Control", source.with_suffix(".fmu"), compiler="embedded", sources=[source])
     time = np.linspace(0.0, 3.0, 61)
     problem = Problem(Model.load(path), (Experiment(time, ("x", "y", "u")),), ((ParameterTarget("c"),),))
@@ -259,9 +256,7 @@ def test_a_curved_surface_and_its_derivatives(modelica: Write) -> None:
 
 def test_turns_are_counted_once(modelica: Write) -> None:
     """A when clause on the same relation fires at each turn, not at each trial of a side."""
-    source = modelica(
-        "Counted",
-        f"""model Counted
+    source = modelica(f"""model Counted
   output Real s(start = 0.1, fixed = true);
   Real v(start = 0, fixed = true);
   output Integer n(start = 0, fixed = true);
@@ -272,8 +267,7 @@ equation
     n = pre(n) + 1;
   end when;
 end Counted;
-""",
-    )
+""")
     path = export_fmu("Counted", source.with_suffix(".fmu"), compiler="embedded", sources=[source])
     found = fmpy.simulate_fmu(str(path), stop_time=3.0, output=["s", "n"], relative_tolerance=1e-8)
     np.testing.assert_allclose(found["s"][-1], free_decay(np.array([3.0]), 0.1), atol=1e-6)
@@ -295,9 +289,9 @@ end Counted;
 )
 def test_only_what_can_slide_is_watched(equation: str, surfaces: int, modelica: Write) -> None:
     source = modelica(
-        "Watched",
         "model Watched\n  parameter Real c = 1;\n  Real x(start = 1), v(start = 1);\nequation\n  der(x) = v;\n"
         f"  {equation};\nend Watched;\n",
+        "Watched",
     )
     found = find_surfaces(causalise(translate(load_flat("Watched", [source]))))
     assert len(found.surfaces) == surfaces

@@ -18,7 +18,7 @@ from aero_bayes.simulation.interface import Experiment, InputSignal, Outcome, Pa
 from aero_bayes.simulation.model import Model
 from aero_bayes.simulation.native_simulator import NativeSimulator
 
-Write = Callable[[str, str], Path]
+Write = Callable[..., Path]
 KINDS = pytest.mark.parametrize("kind", ["ModelExchange", "CoSimulation"])
 
 
@@ -41,9 +41,7 @@ def simulated(
 
 @KINDS
 def test_bouncing_ball(kind: str, modelica: Write, tmp_path: Path) -> None:
-    source = modelica(
-        "Ball",
-        """within ;
+    source = modelica("""within ;
 model Ball
   parameter Real e = 0.8;
   output Real h(start = 1, fixed = true);
@@ -57,8 +55,7 @@ equation
     n = pre(n) + 1;
   end when;
 end Ball;
-""",
-    )
+""")
     path = export_fmu("Ball", tmp_path / "b.fmu", compiler="embedded", sources=[source])
     assert validate_fmu(str(path)) == []
     found = simulated(path, kind, 2.5, ["h", "n"])
@@ -77,9 +74,7 @@ end Ball;
 
 @KINDS
 def test_relay_with_hysteresis(kind: str, modelica: Write, tmp_path: Path) -> None:
-    source = modelica(
-        "Relay",
-        """within ;
+    source = modelica("""within ;
 model Relay
   parameter Real low = 0.3, high = 0.7;
   output Real x(start = 0.5, fixed = true);
@@ -88,8 +83,7 @@ equation
   on = x < low or (pre(on) and x <= high);
   der(x) = (if on then 1 else 0) - x;
 end Relay;
-""",
-    )
+""")
     path = export_fmu("Relay", tmp_path / "r.fmu", compiler="embedded", sources=[source])
     assert validate_fmu(str(path)) == []
     found = simulated(path, kind, 6.0, ["x", "on"])
@@ -110,9 +104,7 @@ end Relay;
 
 @KINDS
 def test_sampling_and_time_events(kind: str, modelica: Write, tmp_path: Path) -> None:
-    source = modelica(
-        "Sampled",
-        """within ;
+    source = modelica("""within ;
 model Sampled
   parameter Real T = 0.25;
   Real x(start = 1, fixed = true);
@@ -129,8 +121,7 @@ equation
   step = if time < 0.6 then 1 else 2;
   wave = mod(time, 0.3);
 end Sampled;
-""",
-    )
+""")
     path = export_fmu("Sampled", tmp_path / "s.fmu", compiler="embedded", sources=[source])
     assert validate_fmu(str(path)) == []
     found = simulated(path, kind, 1.95, ["y", "sum", "step", "wave"], step=0.11)
@@ -145,9 +136,7 @@ end Sampled;
 @KINDS
 def test_dry_friction_sticks(kind: str, modelica: Write, tmp_path: Path) -> None:
     # a block on a rough table under a force that grows and falls: it sticks, slides, and sticks again
-    source = modelica(
-        "Friction",
-        """within ;
+    source = modelica("""within ;
 model Friction
   parameter Real m = 2, F_c = 3;
   output Real v(start = 0, fixed = true);
@@ -167,8 +156,7 @@ equation
   a = if locked then 0 else if forward or pre(mode) == 1 then s - 1 else s + 1;
   mode = if (pre(mode) == 1 or forward) and v > 0 then 1 else if (pre(mode) == -1 or backward) and v < 0 then -1 else 0;
 end Friction;
-""",
-    )
+""")
     path = export_fmu("Friction", tmp_path / "f.fmu", compiler="embedded", sources=[source])
     assert validate_fmu(str(path)) == []
     found = simulated(path, kind, 3.0, ["v", "x"])
@@ -185,7 +173,6 @@ end Friction;
 def test_rectifier_with_an_ideal_diode(kind: str, modelica: Write, tmp_path: Path) -> None:
     # half-wave rectifier with an inductance: L di/dt = sin t while the diode conducts, i = 1 - cos t up to t = 2 pi
     source = modelica(
-        "Diode",
         """within ;
 model Diode
   output Real i(start = 0, fixed = true);
@@ -202,7 +189,7 @@ equation
   power = u * i_d;
   r = 2;
 end Diode;
-""".replace("Real s(start = 0), v, u;", "Real s(start = 0), v, u, i_d, r;"),
+""".replace("Real s(start = 0), v, u;", "Real s(start = 0), v, u, i_d, r;")
     )
     path = export_fmu("Diode", tmp_path / "d.fmu", compiler="embedded", sources=[source])
     assert validate_fmu(str(path)) == []
@@ -213,9 +200,7 @@ end Diode;
 
 @KINDS
 def test_loops_that_are_not_linear(kind: str, modelica: Write, tmp_path: Path) -> None:
-    source = modelica(
-        "Loop",
-        """within ;
+    source = modelica("""within ;
 model Loop
   parameter Real a = 2;
   Real x(start = 1, fixed = true), p(start = 1), q(start = 1);
@@ -227,8 +212,7 @@ equation
   p - q = exp(-q) + x;
   r = p + q;
 end Loop;
-""",
-    )
+""")
     path = export_fmu("Loop", tmp_path / "l.fmu", compiler="embedded", sources=[source])
     assert validate_fmu(str(path)) == []
     found = simulated(path, kind, 3.0, ["y", "r"])
@@ -254,9 +238,7 @@ end Loop;
 def test_an_assertion_warns_and_makes_no_event(
     modelica: Write, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    source = modelica(
-        "Watched",
-        """within ;
+    source = modelica("""within ;
 model Watched
   Real x(start = 1, fixed = true);
   output Real y;
@@ -268,8 +250,7 @@ equation
     reinit(x, 1);
   end when;
 end Watched;
-""",
-    )
+""")
     path = export_fmu("Watched", tmp_path / "w.fmu", compiler="embedded", sources=[source])
     found = simulated(path, "ModelExchange", 3.0, ["y"], debug_logging=True)
     assert int(fmpy.read_model_description(str(path)).numberOfEventIndicators) == 1
@@ -281,9 +262,7 @@ end Watched;
 
 def test_initial_equations_that_are_not_linear(modelica: Write, tmp_path: Path) -> None:
     # x^3 + x = a at the start, and z at rest behind a loop y^3 + y = z
-    source = modelica(
-        "Beginning",
-        """within ;
+    source = modelica("""within ;
 model Beginning
   parameter Real a = 10, b = 3;
   Real x(start = 1), z(start = 1), y(start = 1);
@@ -299,8 +278,7 @@ equation
   u = x + y;
   free = unrelated ^ 2;
 end Beginning;
-""",
-    )
+""")
     path = export_fmu("Beginning", tmp_path / "s.fmu", compiler="embedded", sources=[source])
     assert validate_fmu(str(path)) == []
     with driven(path) as fmu:
@@ -315,9 +293,7 @@ end Beginning;
 
 def test_a_beginning_at_rest_that_the_inputs_decide_is_left_to_them(modelica: Write, tmp_path: Path) -> None:
     # without a flow there is no such temperature
-    source = modelica(
-        "Stream",
-        """within ;
+    source = modelica("""within ;
 model Stream
   input Real m "flow";
   input Real T_in;
@@ -328,8 +304,7 @@ initial equation
 equation
   der(T) = m * (T_in - T) + P;
 end Stream;
-""",
-    )
+""")
     path = export_fmu("Stream", tmp_path / "s.fmu", compiler="embedded", sources=[source])
     assert validate_fmu(str(path)) == []
     with driven(path) as fmu:
@@ -340,9 +315,7 @@ end Stream;
 
 def test_the_engine_takes_the_events_of_an_exported_model(modelica: Write, tmp_path: Path) -> None:
     # a ball that is sampled twice a second, and kicked by a step of the input
-    source = modelica(
-        "Kicked",
-        """within ;
+    source = modelica("""within ;
 model Kicked
   input Real u;
   parameter Real e = 0.5;
@@ -363,8 +336,7 @@ equation
   height = h;
   seen = last;
 end Kicked;
-""",
-    )
+""")
     model = Model.load(export_fmu("Kicked", tmp_path / "k.fmu", compiler="embedded", sources=[source]))
     time = np.linspace(0.0, 1.2, 121)
     signal = InputSignal("u", np.array([0.0, 0.305]), np.array([0.0, 1.0]))
@@ -397,9 +369,9 @@ def test_the_shipped_experiment_is_the_bench_under_the_same_step(
     modelica: Write, tmp_path: Path, aero_fmu: Callable[[str], Path]
 ) -> None:
     source = modelica(
-        "Watched",
         "within ;\nmodel Watched\n  extends Aero.Experiments.PaperStep;\n  output Real theta, speed;\nequation\n"
         "  theta = bench.theta;\n  speed = bench.omega_m;\nend Watched;\n",
+        "Watched",
     )
     path = export_fmu("Watched", tmp_path / "p.fmu", compiler="embedded", sources=[source])
     found = simulated(path, "CoSimulation", 22.0, ["theta", "speed"], step=0.1)

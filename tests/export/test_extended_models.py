@@ -161,6 +161,6 @@ def test_effects_that_a_package_names_must_be_there(tmp_path: Path) -> None:
     (package / "package.toml").write_text(law, encoding="utf-8")
     family = ModelicaFamily(LawPlaces("Bench.Rig", (package,)), tmp_path)
     with pytest.raises(InputError, match=r"Bench: effects.rubbing.law: .*did you mean 'pivot_coulomb_friction@body_ef"):
-        family.check()
+        family.places.check()
     (package / "package.toml").write_text(law.replace("toi", "tio"), encoding="utf-8")
     assert [c.id for c in LawPlaces("Bench.Rig", (package,)).candidates if not c.law.curve_input] == ["rubbing"]

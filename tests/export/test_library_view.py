@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from aero_bayes.modelica.library_view import link_packages, names_used_in
+from aero_bayes.modelica.library import link_packages, names_used_in
 
 pytestmark = pytest.mark.fast
 

@@ -20,7 +20,7 @@ from aero_bayes.modelica.embedded import explicit_model
 from aero_bayes.modelica.expression import evaluate_nodes
 from aero_bayes.simulation.model import Model
 
-Write = Callable[[str, str], Path]
+Write = Callable[..., Path]
 
 
 def values(model: ExplicitModel, at: dict[str, float]) -> dict[str, float]:
@@ -35,9 +35,7 @@ def values(model: ExplicitModel, at: dict[str, float]) -> dict[str, float]:
 
 
 def test_functions_conditions_and_arithmetic(modelica: Write) -> None:
-    source = modelica(
-        "Mixed",
-        """within ;
+    source = modelica("""within ;
 model Mixed
   function bent "a loop, a branch and a table"
     input Real x; input Real c[:]; output Real y;
@@ -61,8 +59,7 @@ equation
   der(z) = min(x, y) - max(z, 0) + sign(x) + abs(z) + sqrt(1 + x ^ 2) + atan2(x, y) + sum(c) * time;
   w = exp(-x) * log(2 + x * x) - sin(x) * cos(z) / cosh(x) + x ^ 3 - (-x) ^ 2 + asin(x / 9) + 2 ^ x;
 end Mixed;
-""",
-    )
+""")
     model = explicit_model("Mixed", [source])
     for x in (0.8, -0.4, -1.7, 0.2):
         u, z, t = 1.3, -0.2, 0.9
@@ -80,9 +77,7 @@ end Mixed;
 
 
 def test_an_algebraic_loop_is_solved(modelica: Write) -> None:
-    source = modelica(
-        "Loop",
-        """within ;
+    source = modelica("""within ;
 model Loop
   parameter Real a = 3; parameter Real b = 2;
   Real x(start = 1, fixed = true); Real p, q, r;
@@ -90,8 +85,7 @@ equation
   p + a * q = x; q - r = 2 * p; b * r + q = 4;
   der(x) = -p * x;
 end Loop;
-""",
-    )
+""")
     found = values(explicit_model("Loop", [source]), {"x": 0.7})
     p, q, r = found["p"], found["q"], found["r"]
     assert p + 3 * q == pytest.approx(0.7)
@@ -100,9 +94,7 @@ end Loop;
 
 
 def test_rigidly_coupled_inertias_share_their_acceleration(modelica: Write) -> None:
-    source = modelica(
-        "Coupled",
-        """within ;
+    source = modelica("""within ;
 model Coupled
   input Real u;
   Aero.Mechanical.Torque drive(tau = u);
@@ -111,33 +103,27 @@ equation
   connect(drive.flange, one.flange_a);
   connect(one.flange_b, two.flange_a);
 end Coupled;
-""",
-    )
+""")
     model = explicit_model("Coupled", [source])
     assert len(model.states) == 1
     assert values(model, {model.states[0]: 0.1, "u": 10.0})[f"der({model.states[0]})"] == pytest.approx(2.0)
 
 
 def test_the_rate_of_an_algebraic_variable(modelica: Write) -> None:
-    source = modelica(
-        "Rate",
-        """within ;
+    source = modelica("""within ;
 model Rate
   Real x(start = 1, fixed = true), F, y(start = 0, fixed = true);
 equation
   der(x) = -2 * x; F = x ^ 3; der(y) = der(F);
 end Rate;
-""",
-    )
+""")
     model = explicit_model("Rate", [source])
     assert set(model.states) == {"x", "y"}
     assert values(model, {"x": 0.5, "y": 0.0})["der(y)"] == pytest.approx(3 * 0.25 * -1.0)
 
 
 def test_arrays_loops_and_matrices(modelica: Write) -> None:
-    source = modelica(
-        "Arrays",
-        """within ;
+    source = modelica("""within ;
 model Arrays
   parameter Integer n = 3;
   parameter Real k[n] = {1, 2, 3};
@@ -151,8 +137,7 @@ equation
   s = sum(x) + x * k;
   z = 2 * x + k .* x - sin(x);
 end Arrays;
-""",
-    )
+""")
     x, k, m = np.array([0.3, -0.7, 1.1]), np.array([1.0, 2.0, 3.0]), np.arange(1.0, 7.0).reshape(2, 3)
     found = values(explicit_model("Arrays", [source]), {f"x[{i + 1}]": v for i, v in enumerate(x)})
     rates = -k * x + np.array([0.0, x[0], x[1]])
@@ -165,9 +150,7 @@ end Arrays;
 @pytest.mark.parametrize("kind", ["ModelExchange", "CoSimulation"])
 def test_time_in_the_equations(kind: str, modelica: Write, tmp_path: Path) -> None:
     # the Prothero-Robinson problem: stiff, with the solution cos(t)
-    source = modelica(
-        "Robinson",
-        """within ;
+    source = modelica("""within ;
 model Robinson
   Real x(start = 1, fixed = true);
   output Real late;
@@ -175,8 +158,7 @@ equation
   der(x) = -2000 * (x - cos(time)) - sin(time);
   late = x + time;
 end Robinson;
-""",
-    )
+""")
     path = export_fmu("Robinson", tmp_path / "r.fmu", compiler="embedded", sources=[source])
     assert validate_fmu(str(path)) == []
     result = fmpy.simulate_fmu(
@@ -188,8 +170,7 @@ end Robinson;
 
 def test_a_model_without_states(modelica: Write, tmp_path: Path) -> None:
     source = modelica(
-        "Static",
-        "within ;\nmodel Static\n  input Real u; parameter Real a = 3; output Real y = a * u ^ 2;\nend Static;\n",
+        "within ;\nmodel Static\n  input Real u; parameter Real a = 3; output Real y = a * u ^ 2;\nend Static;\n"
     )
     path = export_fmu("Static", tmp_path / "s.fmu", compiler="embedded", sources=[source])
     assert validate_fmu(str(path)) == []
@@ -202,9 +183,7 @@ def test_a_model_without_states(modelica: Write, tmp_path: Path) -> None:
 
 
 def test_start_values_follow_parameters_and_initial_equations(modelica: Write, tmp_path: Path) -> None:
-    source = modelica(
-        "Starts",
-        """within ;
+    source = modelica("""within ;
 model Starts
   parameter Real a = 2; parameter Real both = 3 * a;
   Real x(start = a + 1, fixed = true), z(start = 9);
@@ -213,8 +192,7 @@ initial equation
 equation
   der(x) = -both * x; der(z) = 4 * x - a * z;
 end Starts;
-""",
-    )
+""")
     path = export_fmu("Starts", tmp_path / "starts.fmu", compiler="embedded", sources=[source])
     assert validate_fmu(str(path)) == []
     with driven(path) as fmu:
@@ -229,9 +207,7 @@ end Starts;
 
 
 def test_inner_parameters_are_shown_only_where_they_act(modelica: Write, tmp_path: Path) -> None:
-    source = modelica(
-        "Inner",
-        """within ;
+    source = modelica("""within ;
 model Inner
   input Real u(unit = "N.m");
   Aero.Mechanical.Torque drive(tau = u);
@@ -241,8 +217,7 @@ model Inner
 equation
   connect(drive.flange, body.flange);
 end Inner;
-""",
-    )
+""")
     path = export_fmu("Inner", tmp_path / "inner.fmu", compiler="embedded", sources=[source])
     with driven(path) as fmu:
         assert set(fmu.parameters) == {"unused", "body.J_p", "body.D_p", "body.K_sp"}
@@ -276,7 +251,7 @@ REFUSED = [
 
 @pytest.mark.parametrize(("line", "message"), REFUSED)
 def test_what_cannot_be_translated_is_named(line: str, message: str, modelica: Write) -> None:
-    source = modelica("Bad", MODEL.format(line))
+    source = modelica(MODEL.format(line), "Bad")
     with pytest.raises(InputError, match=message) as caught:
         explicit_model("Bad", [source])
     assert "\n" not in str(caught.value)
@@ -284,22 +259,19 @@ def test_what_cannot_be_translated_is_named(line: str, message: str, modelica: W
 
 
 def test_a_slip_inside_a_package_has_its_line_too(modelica: Write) -> None:
-    source = modelica("Kit", f"package Kit\n{MODEL.format('  y = x').removeprefix('within ;')}end Kit;\n")
+    source = modelica(f"package Kit\n{MODEL.format('  y = x').removeprefix('within ;')}end Kit;\n", "Kit")
     with pytest.raises(InputError, match=r"^Kit\.mo:8: unexpected `end`; .* line 7\?$"):
         explicit_model("Kit.Bad", [source])
 
 
 def test_modifiers_that_the_front_end_would_drop_are_refused(modelica: Write) -> None:
-    source = modelica(
-        "Dropped",
-        """within ;
+    source = modelica("""within ;
 model Dropped
   parameter Real tau_c = 1e-3;
   extends Aero.Systems.OneDof(
     redeclare model BodyEffect = Aero.Effects.PivotCoulombFriction(tau_c = tau_c));
 end Dropped;
-""",
-    )
+""")
     with pytest.raises(InputError, match=r"Dropped\.mo:5: .*'BodyEffect'"):
         explicit_model("Dropped", [source])
 
@@ -313,9 +285,8 @@ def test_unknown_models_and_files_are_named(tmp_path: Path) -> None:
         explicit_model("Aero; quit()")
 
 
-def test_an_output_may_be_a_state_itself(tmp_path: Path) -> None:
-    source = tmp_path / "Tank.mo"
-    source.write_text(
+def test_an_output_may_be_a_state_itself(modelica, tmp_path: Path) -> None:
+    source = modelica(
         "model Tank\n  input Real u;\n  output Real q(start = 2);\nequation\n  der(q) = u - q;\nend Tank;\n"
     )
     built = Model.load(export_fmu("Tank", tmp_path / "Tank.fmu", compiler="embedded", sources=[source]))

@@ -16,8 +16,7 @@ import pytest
 
 from aero_bayes.errors import InputError
 from aero_bayes.modelica.compilers import export_fmu
-from aero_bayes.modelica.library import library_roots, needed_libraries
-from aero_bayes.modelica.library_view import link_packages
+from aero_bayes.modelica.library import library_roots, link_packages, needed_libraries
 from aero_bayes.modelica.rumoca_front import load_flat
 
 SOURCE = Path(__file__).parent / "MslModels.mo"
@@ -90,14 +89,11 @@ def test_a_library_that_is_missing_is_named(tmp_path: Path, monkeypatch: pytest.
         library_roots([tmp_path / "nowhere"])
 
 
-def test_libraries_are_found_by_name_and_version(tmp_path: Path) -> None:
+def test_libraries_are_found_by_name_and_version(modelica, tmp_path: Path) -> None:
     for folder in ("Tanks 1.2.0", "Tanks 1.10.0", "Pumps"):
         (tmp_path / folder).mkdir()
         (tmp_path / folder / "package.mo").write_text("package P end P;", encoding="utf-8")
-    source = tmp_path / "Rig.mo"
-    source.write_text(
-        "model Rig\n  Tanks.Open tank;\n  Pumps.Small pump;\n  Nowhere.Else x;\nend Rig;\n", encoding="utf-8"
-    )
+    source = modelica("model Rig\n  Tanks.Open tank;\n  Pumps.Small pump;\n  Nowhere.Else x;\nend Rig;\n")
     found = needed_libraries("Rig", [source], [tmp_path])
     assert {n: p.name for n, p in found.items()} == {"Tanks": "Tanks 1.10.0", "Pumps": "Pumps"}
 

@@ -16,19 +16,19 @@ from aero_bayes.errors import InputError
 from aero_bayes.modelica.compilers import export_fmu
 from aero_bayes.modelica.embedded import explicit_model
 
-Write = Callable[[str, str], Path]
+Write = Callable[..., Path]
 
 
 def test_constants_that_meet_only_when_solved_are_one_line(modelica: Write) -> None:
     text = "model Met\n  Real x;\n  Real w;\nequation\n  der(x) = -x * log(w);\n  w = 0;\nend Met;\n"
-    source = modelica("Met", text)
+    source = modelica(text)
     with pytest.raises(InputError, match=r"^Met\.mo:2: model Met: math domain error"):
         explicit_model("Met", [source])
 
 
 def test_a_byte_order_mark_is_read_and_another_encoding_refused(modelica: Write, tmp_path: Path) -> None:
     text = 'model Marked "Größe"\n  Real x;\nequation\n  der(x) = -x;\nend Marked;\n'
-    assert explicit_model("Marked", [modelica("Marked", f"\ufeff{text}")]).states == ("x",)
+    assert explicit_model("Marked", [modelica(f"\ufeff{text}")]).states == ("x",)
     (tmp_path / "Marked.mo").write_bytes(f"// Latin-1\n{text}".encode("latin-1"))
     with pytest.raises(InputError, match=r"Marked\.mo:2: .*0xf6.* UTF-8"):
         explicit_model("Marked", [tmp_path / "Marked.mo"])
@@ -38,7 +38,7 @@ def test_a_byte_order_mark_is_read_and_another_encoding_refused(modelica: Write,
 
 def test_a_model_of_many_states_runs_as_co_simulation(modelica: Write, tmp_path: Path) -> None:
     """Its Jacobian is larger than a thread's stack."""
-    source = modelica("Chain", """model Chain
+    source = modelica("""model Chain
   parameter Integer n = 1200;
   Real x[n](each start = 1, each fixed = true);
   output Real y = x[2];
@@ -63,7 +63,7 @@ def test_errors_of_changed_files_name_file_and_line(seed: int, modelica: Write) 
     changed = [text[:a] + text[b:], text[:a] + text[c:d] + text[b:], text[:a], text[:a] + "zzz" + text[b:]]
     said = ""
     try:
-        explicit_model("Motor", [modelica("Motor", changed[seed % 4])])
+        explicit_model("Motor", [modelica(changed[seed % 4])])
     except InputError as error:
         said = str(error)
     assert re.fullmatch(r"(Motor\.mo:\d+: .+)?", said)

@@ -14,10 +14,10 @@ from aero_bayes.simulation.engines import open_simulator
 from aero_bayes.simulation.interface import Experiment, InputSignal, Outcome, ParameterTarget, Problem, SolverSettings
 from aero_bayes.simulation.model import Model
 from aero_bayes.simulation.workers import WorkerPool
+from aero_bayes.structure.candidates import place_laws
 from aero_bayes.structure.compose import compose_laws
 from aero_bayes.structure.law_places import LawPlaces
 from aero_bayes.structure.modelica_family import ModelicaFamily
-from aero_bayes.structure.placed_law import place_laws
 from aero_bayes.structure.redeclare import load_with_redeclarations
 
 TIME = np.linspace(0.0, 4.0, 201)
@@ -35,14 +35,14 @@ def family(name: str, folder: Path, *sources: Path) -> ModelicaFamily:
     found = ModelicaFamily(LawPlaces(name, sources), folder / "built")
     sizes = {p.id: SIZES for p in found.places.ports}
     for placed in place_laws(found.places.candidates, found.places.taken_names(), sizes):
-        found.terms.add(placed, ())
+        found.placed[placed.id] = placed
     return found
 
 
 def values_of(found: ModelicaFamily, ids: Sequence[str]) -> dict[str, float]:
     """Of the parameters of laws: the magnitudes at their nominal values, the others at their defaults."""
     given = {}
-    for placed in (found.terms.placed[id_] for id_ in ids):
+    for placed in (found.placed[id_] for id_ in ids):
         for k, p in enumerate(placed.parameters()):
             given[placed.names[p.name]] = placed.limits(p)["nominal"] if k == 0 else placed.value(p)
     return given
@@ -83,9 +83,9 @@ def assert_equal(one, other, tolerance: float = 1e-7) -> None:
 )
 def test_an_attached_law_is_the_law_in_the_equations(rig: str, ids: list[str], here, tmp_path: Path) -> None:
     found = family(rig, tmp_path, RIGS / f"{rig}.mo")
-    ids = [id_ for id_ in found.terms.placed if id_ in ids]
+    ids = [id_ for id_ in found.placed if id_ in ids]
     offer = found.with_candidates(ids)
-    placed_laws = [found.terms.placed[id_] for id_ in ids]
+    placed_laws = [found.placed[id_] for id_ in ids]
     assert len(offer.model.states) == len(found.base_model().states) + sum(
         len(found.blocks.model(placed).states) for placed in placed_laws
     )
@@ -99,7 +99,7 @@ def test_laws_in_replaceable_models_are_attached_at_each_component(here, tmp_pat
     base = "Aero.Systems.OneDof"
     found = family(base, tmp_path)
     ids = ["amplifier_deadzone", "thrust_lag", "pitch_delay", "pivot_coulomb_friction"]
-    placed_laws = [found.terms.placed[id_] for id_ in ids]
+    placed_laws = [found.placed[id_] for id_ in ids]
     given = values_of(found, ids) | {"R_a": 8.4, "k_t": 1e-7}
     attached = found.with_candidates(ids).model
     assert len(attached.states) == 6 + 2 + 2
@@ -120,9 +120,8 @@ end Slide;
 """
 
 
-def test_friction_attached_to_a_mass_slows_it_as_the_closed_form_says(here, tmp_path: Path) -> None:
-    source = tmp_path / "Slide.mo"
-    source.write_text(SLIDE)
+def test_friction_attached_to_a_mass_slows_it_as_the_closed_form_says(here, modelica, tmp_path: Path) -> None:
+    source = modelica(SLIDE)
     model = family("Slide", tmp_path, source).with_candidates(["viscous_friction@v"]).model
     assert [v.name for v in model.parameters] == ["m", "d"]
     outputs, slopes = run(model, {"d": 0.8}, here, level=0.0)
@@ -143,9 +142,10 @@ end Dependent;
 """
 
 
-def test_the_derivative_of_an_output_is_its_own_where_a_parameter_depends_on_others(here, tmp_path: Path) -> None:
-    source = tmp_path / "Dependent.mo"
-    source.write_text(DEPENDENT)
+def test_the_derivative_of_an_output_is_its_own_where_a_parameter_depends_on_others(
+    here, modelica, tmp_path: Path
+) -> None:
+    source = modelica(DEPENDENT)
     model = Model.load(export_embedded("Dependent", tmp_path / "d.fmu", [source]))
     _, slopes = run(model, {"k": 3.0}, here)
     np.testing.assert_allclose(slopes[:, 0, 0], 2.0 * np.exp(-TIME), rtol=1e-6)

@@ -12,9 +12,9 @@ from aero_bayes.simulation.engines import open_simulator
 from aero_bayes.simulation.interface import Experiment, InputSignal, Outcome, ParameterTarget, Problem, SolverSettings
 from aero_bayes.simulation.model import Model
 from aero_bayes.simulation.workers import WorkerPool
+from aero_bayes.structure.candidates import place_laws
 from aero_bayes.structure.law_places import LawPlaces
 from aero_bayes.structure.modelica_family import ModelicaFamily
-from aero_bayes.structure.placed_law import place_laws
 
 RIGS = Path(__file__).parents[2] / "studies" / "real_rigs"
 QUICK = ("coil", "tank2006", "cartpendulum")
@@ -49,18 +49,18 @@ def outputs(model: Model, given: dict[str, float], pool: WorkerPool) -> np.ndarr
 )  # fmt: skip
 def test_the_attached_model_is_the_written_one(name: str, here, tmp_path: Path) -> None:
     found = ModelicaFamily(LawPlaces("Rig", (RIGS / name / "Rig.mo",)), tmp_path / "built")
-    candidates = found.places.writable_candidates()
+    candidates = found.places.candidates_for(None)
     for placed in place_laws(candidates, found.places.taken_names(), {}):
-        found.terms.add(placed, ())
+        found.placed[placed.id] = placed
     by_port: dict[str, str] = {}
-    for id_, placed in found.terms.placed.items():
+    for id_, placed in found.placed.items():
         if not placed.law.curve_input and not any(word in id_ for word in KINKS):
             by_port.setdefault(placed.port.id, id_)
     # The text adds a force to an output behind a law of its reading, the attached model before it.
     ids = [id_ for port, id_ in by_port.items() if port.removeprefix("output_") == port or port[7:] not in by_port]
     values = {
         placed.names[p.name]: 0.3 * placed.limits(p)["nominal"] if k == 0 else placed.value(p)
-        for placed in (found.terms.placed[id_] for id_ in ids)
+        for placed in (found.placed[id_] for id_ in ids)
         for k, p in enumerate(placed.parameters())
     }
     attached = found.with_candidates(ids).model

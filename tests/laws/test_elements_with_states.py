@@ -17,10 +17,9 @@ from aero_bayes.simulation.interface import Experiment, InputSignal, ParameterTa
 from aero_bayes.simulation.model import Model
 from aero_bayes.simulation.native_simulator import NativeSimulator
 from aero_bayes.simulation.workers import WorkerPool
-from aero_bayes.structure.candidates import ports_with_laws
+from aero_bayes.structure.candidates import Candidate, place_law, ports_with_laws
 from aero_bayes.structure.law import Law
-from aero_bayes.structure.modelica_family import fitted_parameters
-from aero_bayes.structure.placed_law import place_law
+from aero_bayes.structure.model_family import fitted_parameters
 from aero_bayes.structure.write_model import write_laws
 
 ROOM = """model Room
@@ -82,7 +81,7 @@ def test_an_element_is_the_scipy_solution_and_off_the_model_as_it_was(
     law_id, at = id_.split("@")
     port = next(p for p in ports_with_laws(flat, laws) if p.id == at)
     law = next(law for law in laws if law.id == law_id and law.kind == port.kind)
-    placed = place_law(law, port, [v.name for v in flat.variables], values=values, with_starts=True)
+    placed = place_law(Candidate(law, port), [v.name for v in flat.variables], values=values, with_starts=True)
     written = write_laws([path], name, flat, [placed], tmp_path)
     again = load_flat(written.name, [path, written.path])
     time, levels = np.linspace(0.0, duration, 81), (before, -0.4 * before)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -19,10 +18,9 @@ from aero_bayes.modelica.compose import add_input, set_parameter
 from aero_bayes.modelica.expression import evaluate_nodes
 from aero_bayes.modelica.flat import FlatEquation
 from aero_bayes.modelica.syntax import Call, Name, Number
-from aero_bayes.structure.candidates import ports_with_laws
+from aero_bayes.structure.candidates import Candidate, place_law, ports_with_laws
 from aero_bayes.structure.compose import LawModels, compose_law, law_models
 from aero_bayes.structure.law import LAW_INTERFACES, Law, read_laws
-from aero_bayes.structure.placed_law import place_law
 
 pytestmark = pytest.mark.fast
 
@@ -143,13 +141,13 @@ def test_attributes_are_ordered_and_scale_with_the_port(laws: tuple[Law, ...]) -
     for law in laws:
         sizes = {**law.nominals, **{k: v for k, v in SIZES.items() if k in law.nominals}}
         for p in law.parameters:
-            low, high = p.value("minimum", sizes), p.value("maximum", sizes)
+            low, high = (p.value(k, sizes) if k in p.terms else end for k, end in (("min", -np.inf), ("max", np.inf)))
             assert low <= p.value("default", sizes) <= high
             assert low < p.value("nominal", sizes) < high
         assert law.magnitude.value("default", sizes) == 0.0
     friction = next(law for law in laws if law.id == "viscous_friction")
     assert friction.magnitude.unit({"f_n": "N.m", "v_n": "rad/s"}) == "N.m.s/rad"
-    assert friction.magnitude.value("maximum", {"f_n": 3.0, "v_n": 0.5}) == pytest.approx(60.0)
+    assert friction.magnitude.value("max", {"f_n": 3.0, "v_n": 0.5}) == pytest.approx(60.0)
 
 
 @pytest.mark.parametrize("key", sorted(CLOSED))
@@ -192,7 +190,7 @@ def test_every_law_is_off_at_its_default_and_felt_when_switched_on(
             ports = tuple(replace(p, kind="reading", laws=(law.id,)) for p in ports if p.kind == "output")
         port = next(p for p in ports if law.id in p.laws and p.kind in (law.kind, "storage"))
         neighbour = next((p for p in ports if p.id in port.neighbours[:1]), None)
-        placed = place_law(law, port, [v.name for v in flat.variables], neighbour=neighbour)
+        placed = place_law(Candidate(law, port, neighbour), [v.name for v in flat.variables])
         model = explicit(compose_law(flat, placed, models))
         b = model.system.builder
         base, wide = Numbers(explicit(flat)), Numbers(model)
@@ -275,10 +273,8 @@ def test_a_linear_law_with_states_has_its_transfer_function(
     assert response == pytest.approx(exact(s), rel=2e-3)
 
 
-def test_a_users_law_needs_no_python(tmp_path: Path) -> None:
-    own = tmp_path / "Mine.mo"
-    own.write_text(
-        """package Mine "Laws of my rig"
+def test_a_users_law_needs_no_python(modelica) -> None:
+    own = modelica("""package Mine "Laws of my rig"
   partial model Friction "A base of its own"
     extends Laws.Interfaces.MotionLaw;
   end Friction;
@@ -299,9 +295,7 @@ def test_a_users_law_needs_no_python(tmp_path: Path) -> None:
     Real y = 1;
   end NoLaw;
 end Mine;
-""",
-        encoding="utf-8",
-    )
+""")
     (law,) = read_laws([own])
     assert (law.id, law.kind, law.model, law.refines) == ("rope_drag", "motion", "Mine.RopeDrag", "quadratic_drag")
     assert law.required_units == {"v": "m/s"}

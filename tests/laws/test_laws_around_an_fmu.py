@@ -33,15 +33,13 @@ from aero_bayes.simulation.interface import (
     StartTarget,
 )
 from aero_bayes.simulation.model import Model
-from aero_bayes.structure.attach import attached
+from aero_bayes.structure.attach import LawBlocks, attached
 from aero_bayes.structure.balance import Port
-from aero_bayes.structure.candidates import find_candidates, ports_with_laws
+from aero_bayes.structure.candidates import PlacedLaw, find_candidates, place_law, ports_with_laws
 from aero_bayes.structure.compose import LawModels, compose_laws
 from aero_bayes.structure.coupled_fmu import couple
-from aero_bayes.structure.fmu_ports import FmuBoundary
+from aero_bayes.structure.fmu_ports import FmuPlaces
 from aero_bayes.structure.law import Law
-from aero_bayes.structure.law_blocks import LawBlocks
-from aero_bayes.structure.placed_law import PlacedLaw, place_law
 
 FloatArray = NDArray[np.float64]
 #: Laws at an input, at readings, at a force; the values of their first parameters.
@@ -65,7 +63,7 @@ def placed_laws(ports: tuple[Port, ...], laws: tuple[Law, ...], flat: FlatModel)
     for c in find_candidates(ports, laws):
         id_ = c.id.replace("output_", "")
         if id_ in ASKED:
-            found[id_] = place_law(c.law, c.port, taken, nominals=SIZES, values={c.law.magnitude.name: ASKED[id_]})
+            found[id_] = place_law(c, taken, nominals=SIZES, values={c.law.magnitude.name: ASKED[id_]})
             taken |= {found[id_].instance, *found[id_].names.values()}
     return [found[id_] for id_ in ASKED]
 
@@ -95,7 +93,7 @@ def test_laws_around_an_fmu_are_the_laws_in_its_source(
     flat = rig("Plant")
     inside = placed_laws(ports_with_laws(flat, laws), laws, flat)
     export_flat(compose_laws(flat, inside, models), tmp_path / "source.fmu")
-    around = FmuBoundary(plant, laws)
+    around = FmuPlaces("Plant", fmu=plant.path)
     blocks = LawBlocks(models, tmp_path)
     couple(attached(around.opened(), placed_laws(around.ports, laws, flat), blocks), tmp_path / "coupled.fmu")
     assert validate_fmu(str(tmp_path / "coupled.fmu")) == []
@@ -123,7 +121,7 @@ def measure(rng: Generator, seconds: float = 8.0) -> FloatArray:
 
 
 @pytest.mark.long
-def test_the_loop_finds_what_an_fmu_lacks(plant: Model, tmp_path: Path, rng: Generator) -> None:
+def test_the_loop_finds_what_an_fmu_lacks(plant: Model, modelica, tmp_path: Path, rng: Generator) -> None:
     for name in ("train", "test"):
         np.savetxt(tmp_path / f"{name}.csv", measure(rng), delimiter=",", header="time,u,x", comments="")
     config = tmp_path / "rig.toml"
@@ -145,8 +143,7 @@ def test_the_loop_finds_what_an_fmu_lacks(plant: Model, tmp_path: Path, rng: Gen
 
     # the Modelica file, the imported FMU being its own source, is the written FMU
     text = (out / effect["modelica"]).read_text()
-    stand_in = tmp_path / "Plant_fmu.mo"
-    stand_in.write_text((RIGS / "Plant.mo").read_text().replace("Plant", "Plant_fmu"))
+    stand_in = modelica((RIGS / "Plant.mo").read_text().replace("Plant", "Plant_fmu"))
     again = export_embedded(loop["model"], tmp_path / "again.fmu", [stand_in, out / effect["modelica"]])
     t = np.linspace(0.0, 3.0, 151)
     signal = InputSignal("u", t, np.sin(3.0 * t))
@@ -184,8 +181,8 @@ def test_an_fmu_with_co_simulation_only_is_refused(plant: Model, tmp_path: Path)
     assert re.search(facts("Model Exchange"), done.output)
 
 
-def test_every_input_and_output_is_a_port(plant: Model, laws: tuple[Law, ...]) -> None:
-    ports = {p.id: p for p in FmuBoundary(plant, laws).ports}
+def test_every_input_and_output_is_a_port(plant: Model) -> None:
+    ports = {p.id: p for p in FmuPlaces("Plant", fmu=plant.path).ports}
     assert {k: p.kind for k, p in ports.items()} == {"u": "input", "x": "reading", "a": "reading", "v": "motion"}
     assert {"gain", "offset", "dead_zone", "saturation", "lag", "delay"} <= {*ports["u"].laws}
     assert {*ports["a"].laws} == {
@@ -196,7 +193,6 @@ def test_every_input_and_output_is_a_port(plant: Model, laws: tuple[Law, ...]) -
 
 
 def test_a_wrong_law_is_named(plant: Model, tmp_path: Path) -> None:
-    from aero_bayes.structure.fmu_family import FmuPlaces
     from aero_bayes.structure.law_places import CandidateFilter
 
     places = FmuPlaces("Plant", candidate_filter=CandidateFilter(laws=("deadzone",)), fmu=plant.path)

@@ -65,7 +65,7 @@ def test_a_delay_of_a_recorded_input_moves_it_and_is_written_as_a_law(family: Mo
 
     offer = family.with_candidates(["delay@P"])
     assert offer.model.sha256 == plain.sha256
-    (delay,) = offer.parameters
+    ((_, (delay,)),) = offer.terms
     assert delay.target == DelayTarget("P")
     beside = family.with_candidates(["delay@P", "lag@P"])
     assert len(beside.model.states) == len(plain.states) + 1
@@ -77,7 +77,7 @@ def test_a_delay_of_a_recorded_input_moves_it_and_is_written_as_a_law(family: Mo
     assert len(written.model.states) == len(plain.states)
     (parameter,) = written.parameters
     longer = ParameterSet((*base.parameters, replace(parameter, start=5.0)))
-    whole = replace(base, simulated=replace(base.simulated, model=written.model), parameters=longer)
+    whole = replace(base, model=written.model, parameters=longer)
     with open_simulator(whole.problem()) as simulator:
         objective = Objective(whole, simulator)
         truth = [{"C": C, "G": G, parameter.name: DELAY}.get(p.name, 0.0) for p in whole.parameters]

@@ -26,10 +26,8 @@ def of(laws: tuple[Law, ...], kind: str, id_: str) -> Law:
 @pytest.mark.parametrize(
     ("unit", "amount"), [("deg", False), ("rpm", False), ("N", False), ("m", True), ("V", True), ("", True)]
 )
-def test_only_amounts_leak_and_spill(unit: str, amount: bool, laws: tuple[Law, ...], tmp_path: Path) -> None:
-    path = tmp_path / "Lag.mo"
-    path.write_text(
-        f"""model Lag
+def test_only_amounts_leak_and_spill(unit: str, amount: bool, laws: tuple[Law, ...], modelica) -> None:
+    path = modelica(f"""model Lag
   parameter Real T(unit = "s") = 0.1;
   input Real u(unit = "{unit}");
   output Real y(unit = "{unit}");
@@ -38,9 +36,7 @@ equation
   T * der(phi) = u - phi;
   y = phi;
 end Lag;
-""",
-        encoding="utf-8",
-    )
+""")
     ports = {p.id: p for p in ports_with_laws(rig("Lag", str(path)), laws) if p.kind not in ("input", "output")}
     port = ports["phi"]
     losses = {"linear_loss", "root_loss", "square_loss", "overflow"}
@@ -50,21 +46,15 @@ end Lag;
 
 
 @pytest.mark.parametrize(("unit", "offered"), [("degC", False), ("K", True)])
-def test_a_square_of_degrees_celsius_is_no_loss(
-    unit: str, offered: bool, laws: tuple[Law, ...], tmp_path: Path
-) -> None:
-    path = tmp_path / "Body.mo"
-    path.write_text(
-        f"""model Body
+def test_a_square_of_degrees_celsius_is_no_loss(unit: str, offered: bool, laws: tuple[Law, ...], modelica) -> None:
+    path = modelica(f"""model Body
   parameter Real C(unit = "J/K") = 10;
   input Real u(unit = "W");
   output Real T(unit = "{unit}", start = 25, fixed = true);
 equation
   C * der(T) = u - 0.1 * (T - 25);
 end Body;
-""",
-        encoding="utf-8",
-    )
+""")
     (port,) = (p for p in ports_with_laws(rig("Body", str(path)), laws) if p.kind == "storage")
     assert ("square_loss" in port.laws) is offered
     assert {"linear_loss", "radiation"} <= set(port.laws)
@@ -126,5 +116,5 @@ def test_thresholds_lie_within_what_is_visited(laws: tuple[Law, ...]) -> None:
         ("motion", "presliding_friction", "x_p"), ("motion", "backlash", "x_b"),
     ):  # fmt: skip
         (parameter,) = (p for p in of(laws, kind, id_).parameters if p.name == name)
-        assert parameter.value("maximum", sizes) <= 1.0
-        assert parameter.value("nominal", sizes) < parameter.value("maximum", sizes)
+        assert parameter.value("max", sizes) <= 1.0
+        assert parameter.value("nominal", sizes) < parameter.value("max", sizes)

@@ -19,9 +19,9 @@ from aero_bayes.modelica.expression import evaluate_nodes
 from aero_bayes.simulation.engines import open_simulator
 from aero_bayes.simulation.model import Model
 from aero_bayes.structure.balance import port_table
+from aero_bayes.structure.candidates import place_laws
 from aero_bayes.structure.law_places import LawPlaces
 from aero_bayes.structure.modelica_family import ModelicaFamily
-from aero_bayes.structure.placed_law import place_laws
 from aero_bayes.structure.write_model import WrittenModel, reserved_names, write_laws
 
 CIRCUIT = """package Circuit
@@ -121,9 +121,8 @@ end Circuit;
 
 
 @pytest.fixture
-def source(tmp_path: Path) -> Path:
-    path = tmp_path / "Circuit.mo"
-    path.write_text(CIRCUIT, encoding="utf-8")
+def source(modelica) -> Path:
+    path = modelica(CIRCUIT)
     return path
 
 
@@ -194,8 +193,9 @@ def test_what_is_offered_is_what_is_written(source: Path) -> None:
     found = fitted(family)
     ids = ["contact@link", "offset@V"]
     offer = family.with_candidates(ids)
-    assert {c.id for c, _ in offer.candidates} == {*ids}
-    values = {p.name: 0.0 for p in offer.parameters} | {"R_c": 3.0, family.parameters("offset@V")[0].name: 0.5}
+    assert {c.id for c, _ in offer.terms} == {*ids}
+    off = {p.name: 0.0 for _, own in offer.terms for p in own}
+    values = off | {"R_c": 3.0, family.parameters("offset@V")[0].name: 0.5}
     written = family.extend(ids, values, source.parent / "out")
     names = {old: new for pairs in written.names.values() for old, new in pairs}
     one = simulated(found, family, offer.model, values)
@@ -205,8 +205,7 @@ def test_what_is_offered_is_what_is_written(source: Path) -> None:
 
 def simulated(found: Fit, family: ModelicaFamily, model: Model, values: dict[str, float]) -> np.ndarray:
     calibration = family.transfer(found.calibration, model)
-    simulated = calibration.simulated
-    calibration = replace(calibration, simulated=replace(simulated, fixed={**simulated.fixed, **values}))
+    calibration = replace(calibration, fixed={**calibration.fixed, **values})
     with open_simulator(calibration.problem()) as simulator:
         run = simulator.simulate(found.values[None])
     values_seen: np.ndarray = run.outputs[0][0]
@@ -221,4 +220,4 @@ def test_where_the_text_does_not_say_how_laws_go_together_one_fits_alone(source:
         written(source, {"shifted@reading": {}, "scaled@reading": {}})
     family = ModelicaFamily(LawPlaces("Circuit.Rig", (source,)), source.parent / "fmu")
     fitted(family)
-    assert [c.id for c, _ in family.with_candidates(["scaled@reading"]).candidates] == ["scaled@reading"]
+    assert [c.id for c, _ in family.with_candidates(["scaled@reading"]).terms] == ["scaled@reading"]

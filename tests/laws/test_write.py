@@ -22,12 +22,11 @@ from aero_bayes.simulation.interface import Experiment, InputSignal, Interpolati
 from aero_bayes.simulation.model import Model
 from aero_bayes.simulation.native_simulator import NativeSimulator
 from aero_bayes.simulation.workers import WorkerPool
-from aero_bayes.structure.candidates import find_candidates, ports_with_laws
+from aero_bayes.structure.candidates import find_candidates, place_law, ports_with_laws
 from aero_bayes.structure.compose import LawModels, compose_laws
 from aero_bayes.structure.law import Law
 from aero_bayes.structure.law_places import LawPlaces
 from aero_bayes.structure.modelica_family import ModelicaFamily
-from aero_bayes.structure.placed_law import place_law
 from aero_bayes.structure.write_model import write_laws
 
 ONE_OF_EACH = [
@@ -112,12 +111,10 @@ def test_names_that_are_taken_get_the_ports_name(laws: tuple[Law, ...]) -> None:
 
 
 def test_outputs_that_are_states_and_readings_that_feed_back(
-    laws: tuple[Law, ...], models: LawModels, tmp_path: Path, rng: Generator
+    laws: tuple[Law, ...], models: LawModels, modelica, tmp_path: Path, rng: Generator
 ) -> None:
     """The reading changes, what the rig does with the true quantity does not."""
-    path = tmp_path / "Level.mo"
-    path.write_text(
-        """model Level
+    path = modelica("""model Level
   input Real u(unit = "m3/s");
   output Real h(unit = "m", start = 1, fixed = true) "Level";
   output Real twice(unit = "m") = 2 * h + u;
@@ -128,9 +125,7 @@ end Level;
 model Other "stands beside it"
   Real x = 1;
 end Other;
-""",
-        encoding="utf-8",
-    )
+""")
     flat = rig("Level", str(path))
     for ids in (("offset@output_h",), ("gain@twice", "dead_zone@u")):
         placed_laws = uses_at(flat, laws, *ids)
@@ -254,11 +249,10 @@ end Blocks;
 
 
 def test_balances_inside_components_and_of_base_classes(
-    laws: tuple[Law, ...], models: LawModels, tmp_path: Path, rng: Generator
+    laws: tuple[Law, ...], models: LawModels, modelica, tmp_path: Path, rng: Generator
 ) -> None:
     """The classes on the way are copied, with their base classes written out; what is not on it stays a reference."""
-    path = tmp_path / "Blocks.mo"
-    path.write_text(BLOCKS, encoding="utf-8")
+    path = modelica(BLOCKS)
     flat = rig("Blocks.Rig", str(path))
     ports = {p.id: p for p in ports_with_laws(flat, laws)}
     assert set(ports) == {"u", "y", "z", "T", "line.upper.h", "line.lower.h"}
@@ -278,14 +272,13 @@ def test_balances_inside_components_and_of_base_classes(
 
 
 def test_a_class_of_a_library_gets_a_wrapper_or_a_copy(
-    laws: tuple[Law, ...], models: LawModels, tmp_path: Path
+    laws: tuple[Law, ...], models: LawModels, modelica, tmp_path: Path
 ) -> None:
     """Nothing is written into the library, and it is still needed to load what was written."""
     library = tmp_path / "library"
     library.mkdir()
     (library / "Shaft.mo").write_text((RIGS / "Shaft.mo").read_text(encoding="utf-8"), encoding="utf-8")
-    own = tmp_path / "Mine.mo"
-    own.write_text("model Mine\n  Shaft.Motor motor(V = 1);\nend Mine;\n", encoding="utf-8")
+    own = modelica("model Mine\n  Shaft.Motor motor(V = 1);\nend Mine;\n")
     flat = load_flat("Shaft.Motor", [own], [library])
     for id_, head in (("viscous_friction@load.a", "  extends Shaft.Motor;"), ("dead_zone@V", "  Shaft.Resistor")):
         placed_laws = uses_at(flat, laws, id_)
@@ -299,10 +292,9 @@ def test_a_class_of_a_library_gets_a_wrapper_or_a_copy(
 
 
 def test_components_declared_together_part_where_one_changes(
-    laws: tuple[Law, ...], models: LawModels, tmp_path: Path, rng: Generator
+    laws: tuple[Law, ...], models: LawModels, modelica, tmp_path: Path, rng: Generator
 ) -> None:
-    path = tmp_path / "Loose.mo"
-    path.write_text(
+    path = modelica(
         """model Part
   Real x(start = 0, fixed = true);
 equation
@@ -314,7 +306,7 @@ model Loose
   output Real y = one.x;
 end Loose;
 """,
-        encoding="utf-8",
+        "Loose",
     )
     flat = rig("Loose", str(path))
     placed_laws = uses_at(flat, laws, "square_loss@one.x")
@@ -324,10 +316,8 @@ end Loose;
     agree("Loose", [path], both, models, tmp_path / "out", rng)
 
 
-def test_what_cannot_be_written_is_said(laws: tuple[Law, ...], tmp_path: Path) -> None:
-    path = tmp_path / "Branch.mo"
-    path.write_text(
-        """model Branch
+def test_what_cannot_be_written_is_said(laws: tuple[Law, ...], modelica, tmp_path: Path) -> None:
+    path = modelica("""model Branch
   parameter Boolean quick = true;
   Real x(start = 1, fixed = true);
   output Real y = x;
@@ -338,9 +328,7 @@ equation
     der(x) = -x;
   end if;
 end Branch;
-""",
-        encoding="utf-8",
-    )
+""")
     flat = rig("Branch", str(path))
     assert {p.id for p in ports_with_laws(flat, laws)} == {"y"}  # a balance in branches is no port
     with pytest.raises(InputError, match=facts("Nowhere")):
@@ -450,10 +438,9 @@ def test_the_library_is_read_by_a_second_reader() -> None:
         assert path.stem in tree.classes
 
 
-def test_readings_that_are_states_take_inputs_at_once_or_are_connected(tmp_path: Path) -> None:
+def test_readings_that_are_states_take_inputs_at_once_or_are_connected(modelica, tmp_path: Path) -> None:
     """What the reading was is found again: after a modifier of the same name, by its aliases, without its rate."""
-    path = tmp_path / "Read.mo"
-    path.write_text("""package Read
+    path = modelica("""package Read
   connector Out = output Real;
   model Inner
     Real i(start = 0, fixed = true);
@@ -481,7 +468,7 @@ end Read;
     lags = [c for c in found if c.port.attachment == "output" and c.law.id == "lag"]
     assert {c.port.signals["u"] for c in lags} == {"x", "z", "i"}
     for c in lags:
-        placed = place_law(c.law, c.port, {v.name for v in family.places.flat.variables}, nominals={})
+        placed = place_law(c, {v.name for v in family.places.flat.variables}, nominals={})
         written = write_laws([path], "Read.Rig", family.places.flat, [placed], tmp_path / "out")
         flat = load_flat(written.name, [path, written.path])
         assert {v.name for v in flat.variables if v.causality == "output"} >= {"x", "z", "i"}
@@ -510,8 +497,8 @@ end Filter;
 """
     )
     places = LawPlaces("Filter.Rig", (tmp_path / "Filter.mo",))
-    tried = places.writable_candidates()
+    tried = places.candidates_for(None)
     assert {"lag@u", "offset@y"} <= {c.id for c in tried}
     for c in tried:
-        placed = place_law(c.law, c.port, {v.name for v in places.flat.variables}, nominals={}, neighbour=c.neighbour)
+        placed = place_law(c, {v.name for v in places.flat.variables}, nominals={})
         write_laws(places.sources, places.base, places.flat, [placed], tmp_path / "out")

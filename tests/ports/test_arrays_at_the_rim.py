@@ -15,10 +15,9 @@ from aero_bayes.modelica.embedded import export_flat
 from aero_bayes.modelica.flat import FlatModel
 from aero_bayes.modelica.rumoca_front import load_flat
 from aero_bayes.modelica.syntax import Call, Name, Number
-from aero_bayes.structure.candidates import find_candidates, ports_with_laws
+from aero_bayes.structure.candidates import PlacedLaw, find_candidates, place_law, ports_with_laws
 from aero_bayes.structure.compose import LawModels, compose_laws
 from aero_bayes.structure.law import Law
-from aero_bayes.structure.placed_law import PlacedLaw, place_law
 from aero_bayes.structure.write_model import write_laws
 
 FORMS = {
@@ -86,7 +85,7 @@ def uses_at(flat: FlatModel, laws: tuple[Law, ...], ids: tuple[str, ...]) -> lis
     for id_ in ids:
         c = by_id.get(id_.replace("@", "@output_")) or by_id[id_]
         (p,) = c.law.parameters
-        placed = place_law(c.law, c.port, taken, nominals={"u_n": 1.0}, values={p.name: VALUES[id_]})
+        placed = place_law(c, taken, nominals={"u_n": 1.0}, values={p.name: VALUES[id_]})
         taken |= {placed.instance, *placed.names.values()}
         placed_laws.append(placed)
     return placed_laws
@@ -101,10 +100,9 @@ def moved(fmu: Path, inputs: Mapping[str, float]) -> NDArray[np.float64]:
 
 
 @pytest.mark.parametrize("form", FORMS)
-def test_laws_at_elements(form: str, laws: tuple[Law, ...], models: LawModels, tmp_path: Path) -> None:
+def test_laws_at_elements(form: str, laws: tuple[Law, ...], models: LawModels, modelica, tmp_path: Path) -> None:
     """A gain and an offset of inputs are other inputs; those of readings are done to the readings."""
-    path = tmp_path / "Rig.mo"
-    path.write_text(FORMS[form], encoding="utf-8")
+    path = modelica(FORMS[form])
     name = "Rims.Rig" if "Rims" in FORMS[form] else "Rig"
     flat = load_flat(name, [path])
     ids = {p.id.removeprefix("output_") for p in ports_with_laws(flat, laws)}
@@ -124,17 +122,14 @@ def test_laws_at_elements(form: str, laws: tuple[Law, ...], models: LawModels, t
     assert np.abs(moved(export_flat(again, tmp_path / "written.fmu"), given) - expected).max() < 1e-6
 
 
-def test_two_laws_at_one_element(laws: tuple[Law, ...], models: LawModels, tmp_path: Path) -> None:
+def test_two_laws_at_one_element(laws: tuple[Law, ...], models: LawModels, modelica, tmp_path: Path) -> None:
     """The last one is the outermost: an offset before a gain is multiplied."""
-    path = tmp_path / "Rig.mo"
-    path.write_text(FORMS["matrices"], encoding="utf-8")
+    path = modelica(FORMS["matrices"])
     flat = load_flat("Rig", [path])
     given = {"u[1]": 1.0, "u[2]": 2.0}
     by_id = {c.id: c for c in find_candidates(ports_with_laws(flat, laws), laws)}
     placed_laws = [
-        place_law(
-            by_id[i].law, by_id[i].port, (), nominals={"u_n": 1.0}, values={by_id[i].law.parameters[0].name: value}
-        )
+        place_law(by_id[i], (), nominals={"u_n": 1.0}, values={by_id[i].law.parameters[0].name: value})
         for i, value in {"gain@u[2]": 0.5, "offset@u[2]": 0.3}.items()
     ]
     plain = moved(export_flat(flat, tmp_path / "plain.fmu"), given | {"u[2]": 1.5 * (2.0 + 0.3)})
@@ -148,10 +143,9 @@ def test_two_laws_at_one_element(laws: tuple[Law, ...], models: LawModels, tmp_p
 
 
 @pytest.mark.parametrize("form", ["matrices", "states that are outputs"])
-def test_what_a_term_stands_beside_is_a_number(form: str, laws: tuple[Law, ...], tmp_path: Path) -> None:
+def test_what_a_term_stands_beside_is_a_number(form: str, laws: tuple[Law, ...], modelica, tmp_path: Path) -> None:
     """Also where one side is a vector and the other is written element by element."""
-    path = tmp_path / "Rig.mo"
-    path.write_text(FORMS[form], encoding="utf-8")
+    path = modelica(FORMS[form])
     flat = load_flat("Rig", [path])
     terms = [t for p in ports_with_laws(flat, laws) if p.balance is not None for t in p.balance.beside]
     assert len(terms) >= 6

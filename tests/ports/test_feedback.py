@@ -135,9 +135,8 @@ end Chain;
 """
 
 
-def test_what_a_block_integrates_from_a_state_is_its_position(laws, models, tmp_path, rng):
-    source = tmp_path / "Chain.mo"
-    source.write_text(INTEGRATORS.replace("GAIN", "1"), encoding="utf-8")
+def test_what_a_block_integrates_from_a_state_is_its_position(laws, models, modelica, tmp_path, rng):
+    source = modelica(INTEGRATORS.replace("GAIN", "1"))
     flat = load_flat("Chain.Rig", [source])
     port = next(p for p in ports_with_laws(flat, laws) if p.id == "rate.y")
     assert (port.kind, port.signals) == ("motion", {"v": "rate.y", "x": "level.y"})
@@ -212,9 +211,8 @@ def cascade(name: str, seed: int) -> Recording:
     return Recording(name, h * np.arange(u.size), {"u": u}, {"y": y + rng.normal(0.0, NOISE, u.size)})
 
 
-def test_what_a_part_hands_on_is_a_port_where_nothing_comes_back(tmp_path):
-    source = tmp_path / "Cascade.mo"
-    source.write_text(CASCADE, encoding="utf-8")
+def test_what_a_part_hands_on_is_a_port_where_nothing_comes_back(modelica):
+    source = modelica(CASCADE)
     ports = {p.id: p for p in ports_with_laws(load_flat("Cascade", [source]), shipped_laws())}
     assert [id_ for id_, p in ports.items() if p.attachment == "signal"] == ["g"]
     assert ports["g"].laws == ports["u"].laws
@@ -225,9 +223,8 @@ def test_what_a_part_hands_on_is_a_port_where_nothing_comes_back(tmp_path):
 
 
 @pytest.mark.long
-def test_a_limit_that_differs_by_side_is_found_as_one_law(tmp_path):
-    source = tmp_path / "Cascade.mo"
-    source.write_text(CASCADE, encoding="utf-8")
+def test_a_limit_that_differs_by_side_is_found_as_one_law(modelica, tmp_path):
+    source = modelica(CASCADE)
     settings = LoopSettings(
         max_effects=3, parameters=("T_1", "T_2", "K"),
         laws=("saturation", "saturation_by_side", "dead_zone", "offset", "overflow"), cache=tmp_path / "fmu",
@@ -261,9 +258,10 @@ end Filters;
 
 
 @pytest.mark.parametrize(("given", "states"), [("C*x", ("x[1]", "x[2]")), ("x[2]", ("x[2]",)), ("-x[2]", ("x[2]",))])
-def test_what_vectors_give_and_a_state_by_another_name_are_handed_on(given, states, laws, models, tmp_path, rng):
-    source = tmp_path / "Filters.mo"
-    source.write_text(FILTERS.replace("w = C*x", f"w = {given}"), encoding="utf-8")
+def test_what_vectors_give_and_a_state_by_another_name_are_handed_on(
+    given, states, laws, models, modelica, tmp_path, rng
+):
+    source = modelica(FILTERS.replace("w = C*x", f"w = {given}"))
     flat = load_flat("Filters", [source])
     (port,) = (p for p in ports_with_laws(flat, laws) if p.attachment == "signal")
     assert (port.id, port.unit, port.states) == ("w", "V", states)

@@ -9,10 +9,9 @@ from numpy.random import Generator
 from small_rigs import Numbers, explicit, rig, somewhere
 
 from aero_bayes.modelica.rumoca_front import load_flat
-from aero_bayes.structure.candidates import ports_with_laws
+from aero_bayes.structure.candidates import Candidate, place_law, ports_with_laws
 from aero_bayes.structure.compose import LawModels, compose_law
 from aero_bayes.structure.law import Law
-from aero_bayes.structure.placed_law import place_law
 from aero_bayes.structure.write_model import write_laws
 
 DAMPER = """model Damper
@@ -39,10 +38,9 @@ end Damper;
     ],
 )
 def test_friction_resists_however_the_force_is_counted(
-    equation: str, sign: float, laws: tuple[Law, ...], models: LawModels, tmp_path: Path, rng: Generator
+    equation: str, sign: float, laws: tuple[Law, ...], models: LawModels, modelica, tmp_path: Path, rng: Generator
 ) -> None:
-    path = tmp_path / "Damper.mo"
-    path.write_text(DAMPER.format(equation=equation), encoding="utf-8")
+    path = modelica(DAMPER.format(equation=equation))
     flat = rig("Damper", str(path))
     ports = {p.id: p for p in ports_with_laws(flat, laws)}
     assert (ports["F"].kind, ports["F"].unit, ports["output_F"].kind) == ("motion", "N", "reading")
@@ -50,7 +48,7 @@ def test_friction_resists_however_the_force_is_counted(
     assert ports["F"].signals == {"v": "v", "x": "x"}
     assert "cubic_stiffness" in ports["F"].laws
     law = next(law for law in laws if law.id == "viscous_friction")
-    placed = place_law(law, ports["F"], [v.name for v in flat.variables], values={"d": 0.9})
+    placed = place_law(Candidate(law, ports["F"]), [v.name for v in flat.variables], values={"d": 0.9})
     base = Numbers(explicit(flat))
     point = somewhere(["x", "v"], rng)
     added = Numbers(explicit(compose_law(flat, placed, models)))(point)["F"] - base(point)["F"]
@@ -73,10 +71,8 @@ def test_a_force_without_a_speed_is_a_reading_only(equation: str, laws: tuple[La
     assert ports["F"].kind in ("output", "reading")
 
 
-def test_a_force_between_two_motions_has_the_difference_of_their_speeds(laws: tuple[Law, ...], tmp_path: Path) -> None:
-    path = tmp_path / "Coupled.mo"
-    path.write_text(
-        """model Coupled
+def test_a_force_between_two_motions_has_the_difference_of_their_speeds(laws: tuple[Law, ...], modelica) -> None:
+    path = modelica("""model Coupled
   parameter Real c(unit = "N.s/m") = 20;
   parameter Real k(unit = "N/m") = 300;
   input Real a(unit = "N");
@@ -92,9 +88,7 @@ equation
   3 * der(v_2) = F;
   F = c * (v_1 - v_2) + k * (x_1 - x_2);
 end Coupled;
-""",
-        encoding="utf-8",
-    )
+""")
     port = next(p for p in ports_with_laws(rig("Coupled", str(path)), laws) if p.id == "F")
     assert port.signals == {"v": "v_1 - v_2", "x": "x_1 - x_2"}
     assert port.kind == "motion"
@@ -117,10 +111,9 @@ end Cell;
 
 @pytest.mark.parametrize("sign", ["-", "+"])
 def test_a_voltage_takes_its_resistances_laws_a_charge_no_second_storage(
-    sign: str, laws: tuple[Law, ...], models: LawModels, tmp_path: Path, rng: Generator
+    sign: str, laws: tuple[Law, ...], models: LawModels, modelica, rng: Generator
 ) -> None:
-    path = tmp_path / "Cell.mo"
-    path.write_text(CELL.format(sign=sign), encoding="utf-8")
+    path = modelica(CELL.format(sign=sign))
     flat = rig("Cell", str(path))
     ports = {p.id: p for p in ports_with_laws(flat, laws)}
     assert (ports["v"].kind, ports["v"].unit, ports["v"].signals) == ("electrical", "V", {"i": "i"})
@@ -129,7 +122,7 @@ def test_a_voltage_takes_its_resistances_laws_a_charge_no_second_storage(
     assert ports["z"].counts
     assert "second_storage" not in ports["z"].laws
     law = next(law for law in laws if law.id == "polarisation")
-    placed = place_law(law, ports["v"], [v.name for v in flat.variables], values={"R_1": 0.2})
+    placed = place_law(Candidate(law, ports["v"]), [v.name for v in flat.variables], values={"R_1": 0.2})
     assert placed.unit(law.magnitude) == "V/A"
     base = Numbers(explicit(flat))
     point = {**somewhere(["z", "i"], rng), "polarisation.i_1": 1.7}

@@ -9,10 +9,9 @@ from numpy.random import Generator
 from small_rigs import Numbers, explicit, rig, somewhere
 
 from aero_bayes.modelica.rumoca_front import load_flat
-from aero_bayes.structure.candidates import ports_with_laws
+from aero_bayes.structure.candidates import Candidate, place_law, ports_with_laws
 from aero_bayes.structure.compose import LawModels, compose_law
 from aero_bayes.structure.law import Law
-from aero_bayes.structure.placed_law import place_law
 from aero_bayes.structure.write_model import write_laws
 
 pytestmark = pytest.mark.fast
@@ -134,7 +133,7 @@ def test_friction_there_pulls_at_both_ends(port, change, sources, laws, models: 
     flat = rig("Car", *map(str, sources))
     place = next(p for p in ports_with_laws(flat, laws) if p.id == port)
     law = next(law for law in laws if law.id == "viscous_friction")
-    placed = place_law(law, place, {v.name for v in flat.variables}, values={"d": 0.7})
+    placed = place_law(Candidate(law, place), {v.name for v in flat.variables}, values={"d": 0.7})
     composed = Numbers(explicit(compose_law(flat, placed, models)))
     written = write_laws(sources, "Car", flat, [placed], tmp_path / "out")
     again = Numbers(explicit(load_flat(written.name, [*sources, written.path])))

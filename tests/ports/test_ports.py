@@ -11,10 +11,9 @@ from small_rigs import Numbers, explicit, rig, somewhere
 from aero_bayes.modelica.rumoca_front import load_flat
 from aero_bayes.modelica.units import dimension_of_unit, unit_text
 from aero_bayes.structure.balance import DIFFERENCE, port_table
-from aero_bayes.structure.candidates import find_candidates, ports_with_laws
+from aero_bayes.structure.candidates import Candidate, find_candidates, place_law, ports_with_laws
 from aero_bayes.structure.compose import LawModels, compose_law, with_probes
 from aero_bayes.structure.law import Law
-from aero_bayes.structure.placed_law import place_law
 from aero_bayes.structure.write_model import write_laws
 
 pytestmark = pytest.mark.fast
@@ -79,7 +78,9 @@ def test_laws_of_a_temperature_count_from_its_level(laws: tuple[Law, ...], model
     taken = [v.name for v in flat.variables]
     for id_, c, flow in (("radiation", 2e-9, 2e-9 * (310.0**4 - 295.0**4)), ("square_loss", 0.3, 0.3 * 15.0**2)):
         law = next(law for law in laws if law.id == id_)
-        placed = place_law(law, port, taken, nominals={"h_n": 15.0, "h_0": 295.0, "h_z": 0.0}, values={"c": c})
+        placed = place_law(
+            Candidate(law, port), taken, nominals={"h_n": 15.0, "h_0": 295.0, "h_z": 0.0}, values={"c": c}
+        )
         base, wide = Numbers(explicit(flat)), Numbers(explicit(compose_law(flat, placed, models)))
         point = {**somewhere(base.names(), rng), "one.T": 310.0, "two.T": 300.0}
         change = wide(point)["der(one.T)"] - base(point)["der(one.T)"]
@@ -118,12 +119,10 @@ FORMS = [
 
 @pytest.mark.parametrize(("declared", "balance", "gain"), FORMS)
 def test_friction_brakes_however_the_balance_is_written(
-    declared: str, balance: str, gain: str, laws: tuple[Law, ...], models: LawModels, tmp_path: Path, rng: Generator
+    declared: str, balance: str, gain: str, laws: tuple[Law, ...], models: LawModels, modelica, rng: Generator
 ) -> None:
     """The acceleration changes by minus the force over the mass, or by minus an acceleration; never by plus."""
-    path = tmp_path / "Form.mo"
-    path.write_text(
-        f"""model Form
+    path = modelica(f"""model Form
   parameter Real M(unit = "kg") = 2.5;
   parameter Real d(unit = "N.s/m") = 0.7;
   parameter Real n = -3;
@@ -135,16 +134,14 @@ equation
   der(q) = v;
   {balance}
 end Form;
-""",
-        encoding="utf-8",
-    )
+""")
     flat = rig("Form", str(path))
     (port,) = (p for p in ports_with_laws(flat, laws) if p.kind == "motion")
     assert port.id == "v"
     assert port.signals == {"v": "v", "x": "q"}
     law = next(law for law in laws if law.id == "viscous_friction")
     taken = [v.name for v in flat.variables]
-    placed = place_law(law, port, taken, values={"d": 0.9})
+    placed = place_law(Candidate(law, port), taken, values={"d": 0.9})
     assert placed.names == {"d": "d_v"}
     base, wide = Numbers(explicit(flat)), Numbers(explicit(compose_law(flat, placed, models)))
     point = somewhere(base.names(), rng)
@@ -153,11 +150,9 @@ end Form;
     assert change == pytest.approx(-factor * 0.9 * point["v"], rel=1e-12)
 
 
-def test_coupled_masses_have_a_balance_each(laws: tuple[Law, ...], tmp_path: Path) -> None:
+def test_coupled_masses_have_a_balance_each(laws: tuple[Law, ...], modelica) -> None:
     """A pendulum on a cart: both equations contain both accelerations. A screw turns an angle into a displacement."""
-    path = tmp_path / "Crane.mo"
-    path.write_text(
-        """model Crane
+    path = modelica("""model Crane
   parameter Real M = 2;
   parameter Real m = 0.3;
   parameter Real l = 0.4;
@@ -176,9 +171,7 @@ equation
   (M + m) * der(v) + m * l * cos(phi) * der(w) = F + m * l * w ^ 2 * sin(phi);
   der(z) = 0.01 * w;
 end Crane;
-""",
-        encoding="utf-8",
-    )
+""")
     ports = {p.id: p for p in ports_with_laws(rig("Crane", str(path)), laws) if p.kind not in ("input", "output")}
     lines = {i: p.place.line if p.place else 0 for i, p in ports.items()}
     assert lines == {"v": 17, "w": 16}
@@ -187,11 +180,9 @@ end Crane;
 
 
 def test_states_in_an_array_are_states(
-    laws: tuple[Law, ...], models: LawModels, tmp_path: Path, rng: Generator
+    laws: tuple[Law, ...], models: LawModels, modelica, tmp_path: Path, rng: Generator
 ) -> None:
-    path = tmp_path / "Chain.mo"
-    path.write_text(
-        """model Chain
+    path = modelica("""model Chain
   parameter Real k[2] = {3, 5};
   input Real u;
   output Real y = x[1];
@@ -200,14 +191,12 @@ equation
   der(x[1]) = x[2];
   der(x[2]) = (u - k[1] * x[1] - 0.1 * x[2]) / k[2];
 end Chain;
-""",
-        encoding="utf-8",
-    )
+""")
     flat = rig("Chain", str(path))
     (port,) = (p for p in ports_with_laws(flat, laws) if p.kind not in ("input", "output"))
     assert (port.id, port.kind, dict(port.signals)) == ("x[2]", "motion", {"v": "x[2]", "x": "x[1]"})
     law = next(law for law in laws if law.id == "viscous_friction")
-    placed = place_law(law, port, [v.name for v in flat.variables], values={"d": 0.9})
+    placed = place_law(Candidate(law, port), [v.name for v in flat.variables], values={"d": 0.9})
     wide_flat = compose_law(flat, placed, models)
     written = write_laws([path], "Chain", flat, [placed], tmp_path / "out")
     again = Numbers(explicit(load_flat(written.name, [path, written.path])))
@@ -242,10 +231,9 @@ def test_a_probe_drives_at_every_port(model: str, laws: tuple[Law, ...], rng: Ge
             assert all(faster[k] < 0 for k in other), port.id
 
 
-def test_the_unit_of_a_term_where_numbers_and_factors_have_none(tmp_path: Path) -> None:
+def test_the_unit_of_a_term_where_numbers_and_factors_have_none(modelica) -> None:
     """9.81 hides an acceleration, and what is added to 1 is a number."""
-    path = tmp_path / "Slope.mo"
-    path.write_text("""model Slope
+    path = modelica("""model Slope
   parameter Real m(unit = "kg") = 2;
   parameter Real kappa = 0.4;
   input Real angle(unit = "rad");

@@ -10,10 +10,9 @@ from small_rigs import RIGS
 
 from aero_bayes.modelica.embedded import export_flat
 from aero_bayes.modelica.rumoca_front import load_flat
-from aero_bayes.structure.candidates import find_candidates, ports_with_laws
+from aero_bayes.structure.candidates import find_candidates, place_law, ports_with_laws
 from aero_bayes.structure.compose import LawModels, compose_law
 from aero_bayes.structure.law import Law
-from aero_bayes.structure.placed_law import place_law
 from aero_bayes.structure.write_model import write_laws
 
 FILTER = """within ;
@@ -51,10 +50,11 @@ def answer(fmu: Path) -> np.ndarray:
     return found["y"]
 
 
-def test_the_series_resistance_of_a_capacitor(laws: tuple[Law, ...], models: LawModels, tmp_path: Path) -> None:
+def test_the_series_resistance_of_a_capacitor(
+    laws: tuple[Law, ...], models: LawModels, modelica, tmp_path: Path
+) -> None:
     """The response to a step begins at once, and then has a longer time constant."""
-    path = tmp_path / "Filter.mo"
-    path.write_text(FILTER, encoding="utf-8")
+    path = modelica(FILTER)
     sources = [RIGS / "Shaft.mo", path]
     flat = load_flat("Filter", sources)
     ports = {p.id: p for p in ports_with_laws(flat, laws)}
@@ -62,7 +62,7 @@ def test_the_series_resistance_of_a_capacitor(laws: tuple[Law, ...], models: Law
     assert (ports["capacitor.p"].kind, ports["capacitor.p"].attachment) == ("electrical", "series")
     series = 25.0
     (c,) = (c for c in find_candidates([ports["capacitor.p"]], laws) if c.law.id == "series_resistance")
-    placed = place_law(c.law, c.port, (), nominals={"v_n": 1.0, "i_n": 0.01}, values={"R_s": series})
+    placed = place_law(c, (), nominals={"v_n": 1.0, "i_n": 0.01}, values={"R_s": series})
     written = write_laws(sources, "Filter", flat, [placed], tmp_path / "out")
     lines = [line.strip() for line in written.text.splitlines()]
     assert "connect(leak.p, series_resistance.p);" in lines
@@ -76,17 +76,18 @@ def test_the_series_resistance_of_a_capacitor(laws: tuple[Law, ...], models: Law
         assert np.abs(y - expected).max() < 1e-5
 
 
-def test_two_drops_in_a_branch_without_a_state(laws: tuple[Law, ...], models: LawModels, tmp_path: Path) -> None:
+def test_two_drops_in_a_branch_without_a_state(
+    laws: tuple[Law, ...], models: LawModels, modelica, tmp_path: Path
+) -> None:
     """A resistance and a contact before a resistor: they follow each other, at the one place that a branch has."""
-    path = tmp_path / "Filter.mo"
-    path.write_text(FILTER, encoding="utf-8")
+    path = modelica(FILTER)
     sources = [RIGS / "Shaft.mo", path]
     flat = load_flat("Filter", sources)
     port = next(p for p in ports_with_laws(flat, laws) if p.id == "resistor.p")
     assert (port.kind, port.attachment, port.states) == ("electrical", "series", ())
     values = {"series_resistance": {"R_s": 25.0}, "contact_drop": {"V_c": 0.4}}
     placed_laws = [
-        place_law(c.law, c.port, (), nominals={"v_n": 1.0, "i_n": 0.01}, values=values[c.law.id])
+        place_law(c, (), nominals={"v_n": 1.0, "i_n": 0.01}, values=values[c.law.id])
         for c in find_candidates([port], laws) if c.law.id in values
     ]  # fmt: skip
     written = write_laws(sources, "Filter", flat, placed_laws, tmp_path / "out")
@@ -103,12 +104,11 @@ def test_two_drops_in_a_branch_without_a_state(laws: tuple[Law, ...], models: La
         assert np.abs(y - expected).max() < 1e-4
 
 
-def test_a_branch_has_one_place(laws: tuple[Law, ...], tmp_path: Path) -> None:
+def test_a_branch_has_one_place(laws: tuple[Law, ...], modelica) -> None:
     text = FILTER.replace(
         "  connect(source.p, resistor.p);", "  connect(source.p, one.p);\n  connect(one.n, resistor.p);"
     )
-    path = tmp_path / "Filter.mo"
-    path.write_text(text.replace("  Shaft.Ground", "  Shaft.Resistor one(R = 7);\n  Shaft.Ground"), encoding="utf-8")
+    path = modelica(text.replace("  Shaft.Ground", "  Shaft.Resistor one(R = 7);\n  Shaft.Ground"))
     flat = load_flat("Filter", [RIGS / "Shaft.mo", path])
     found = [p.id for p in ports_with_laws(flat, laws) if p.kind == "electrical"]
     # the third is that of the two resistors, which share a current
@@ -139,14 +139,15 @@ end Grounded;
 """
 
 
-def test_a_pin_that_is_a_node_is_a_place_for_a_flow_and_for_a_drop(laws: tuple[Law, ...], models: LawModels, tmp_path):
-    path = tmp_path / "Grounded.mo"
-    path.write_text(GROUNDED, encoding="utf-8")
+def test_a_pin_that_is_a_node_is_a_place_for_a_flow_and_for_a_drop(
+    laws: tuple[Law, ...], models: LawModels, modelica, tmp_path
+):
+    path = modelica(GROUNDED)
     flat = load_flat("Grounded", [RIGS / "Shaft.mo", path])
     ports = {p.id: p for p in ports_with_laws(flat, laws)}
     assert (ports["one.p"].kind, ports["series_one.p"].kind) == ("storage", "electrical")
     drop = next(c for c in find_candidates(tuple(ports.values()), laws) if c.id == "series_resistance@series_one.p")
-    placed = place_law(drop.law, drop.port, [v.name for v in flat.variables], values={"R_s": 50.0})
+    placed = place_law(drop, [v.name for v in flat.variables], values={"R_s": 50.0})
     written = write_laws([RIGS / "Shaft.mo", path], "Grounded", flat, [placed], tmp_path / "written")
     again = load_flat(written.name, [RIGS / "Shaft.mo", path, written.path])
     t, tau = 0.01 * np.arange(51), 150.0 * 1e-3

@@ -13,10 +13,9 @@ from small_rigs import Numbers, explicit, rig, somewhere
 from aero_bayes.modelica.flat import FlatModel
 from aero_bayes.modelica.rumoca_front import load_flat
 from aero_bayes.structure.balance import Port
-from aero_bayes.structure.candidates import ports_with_laws
+from aero_bayes.structure.candidates import Candidate, place_law, ports_with_laws
 from aero_bayes.structure.compose import LawModels, compose_law
 from aero_bayes.structure.law import Law
-from aero_bayes.structure.placed_law import place_law
 from aero_bayes.structure.write_model import reserved_names, write_laws
 
 ARM = """model Arm "Two joints; {how}"
@@ -74,7 +73,7 @@ def added(
     """
     flat = rig(model, *map(str, sources))
     law = next(law for law in laws if law.id in ("viscous_friction", "linear_loss") and law.id in port.laws)
-    placed = place_law(law, port, reserved_names(flat, sources), values={law.magnitude.name: 0.7})
+    placed = place_law(Candidate(law, port), reserved_names(flat, sources), values={law.magnitude.name: 0.7})
     composed = Numbers(explicit(compose_law(flat, placed, models)))
     written = write_laws(list(sources), model, flat, [placed], folder)
     again = Numbers(explicit(load_flat(written.name, [*sources, written.path])))
@@ -139,10 +138,16 @@ end Chain;
     ],
 )
 def test_a_loss_of_one_element_of_a_loop_or_a_vector(
-    n: int, balance: str, expected: str, laws: tuple[Law, ...], models: LawModels, tmp_path: Path, rng: Generator
+    n: int,
+    balance: str,
+    expected: str,
+    laws: tuple[Law, ...],
+    models: LawModels,
+    modelica,
+    tmp_path: Path,
+    rng: Generator,
 ) -> None:
-    path = tmp_path / "Chain.mo"
-    path.write_text(CHAIN.format(n=n, balance=balance), encoding="utf-8")
+    path = modelica(CHAIN.format(n=n, balance=balance))
     ports = {p.id: p for p in ports_with_laws(rig("Chain", str(path)), laws)}
     assert list(ports) == ["P", "y", *(f"T[{k + 1}]" for k in range(n))]
     at, change, text = added("Chain", [path], ports["T[2]"], laws, models, tmp_path / "out", rng)
@@ -154,10 +159,9 @@ def test_a_loss_of_one_element_of_a_loop_or_a_vector(
 
 
 def test_one_of_an_array_of_components(
-    laws: tuple[Law, ...], models: LawModels, tmp_path: Path, rng: Generator
+    laws: tuple[Law, ...], models: LawModels, modelica, tmp_path: Path, rng: Generator
 ) -> None:
-    path = tmp_path / "Plant.mo"
-    path.write_text(
+    path = modelica(
         """model Vessel
   parameter Real A(unit = "m2") = 2;
   input Real q(unit = "m3/s");
@@ -175,7 +179,7 @@ equation
   tank[2].q = 0.1 * tank[1].h;
 end Plant;
 """,
-        encoding="utf-8",
+        "Plant",
     )
     ports = {p.id: p for p in ports_with_laws(rig("Plant", str(path)), laws)}
     at, change, text = added("Plant", [path], ports["tank[2].h"], laws, models, tmp_path / "out", rng)
@@ -184,10 +188,8 @@ end Plant;
     assert "Vessel_tank tank[2](linear_loss_q = {0, linear_loss.q});" in text
 
 
-def test_a_state_space_model_has_motions_where_a_row_is_a_speed(laws: tuple[Law, ...], tmp_path: Path) -> None:
-    path = tmp_path / "Space.mo"
-    path.write_text(
-        """model Space
+def test_a_state_space_model_has_motions_where_a_row_is_a_speed(laws: tuple[Law, ...], modelica) -> None:
+    path = modelica("""model Space
   parameter Real k = 4, d = 0.5;
   parameter Real A[2, 2] = [0, 1; -k, -d];
   input Real u;
@@ -196,9 +198,7 @@ def test_a_state_space_model_has_motions_where_a_row_is_a_speed(laws: tuple[Law,
 equation
   der(x) = A * x + {0, 1} * u;
 end Space;
-""",
-        encoding="utf-8",
-    )
+""")
     flat: FlatModel = rig("Space", str(path))
     (port,) = (p for p in ports_with_laws(flat, laws) if p.kind not in ("input", "output"))
     assert (port.id, port.kind, dict(port.signals)) == ("x[2]", "motion", {"v": "x[2]", "x": "x[1]"})

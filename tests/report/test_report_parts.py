@@ -12,7 +12,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-from aero_bayes.estimate.whiteness import autocorrelation
+from aero_bayes.estimate.noise import autocorrelation
 from aero_bayes.report.drawing import Line, Panel, data_table, draw, nice_ticks
 from aero_bayes.report.page import BITS, pack_series
 from aero_bayes.report.posterior_figures import most_correlated

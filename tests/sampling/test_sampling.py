@@ -37,7 +37,7 @@ def stretch_only(adaptation: Adaptation, prior: object) -> list[tuple[StretchMov
 
 def off(chain: Chain, quantity: np.ndarray, truth: float) -> float:
     """Error of a mean over its standard error at the chain's smallest effective size."""
-    ess = min(chain.ess_bulk, chain.ess_tail)
+    ess = min(chain.worst.ess_bulk, chain.worst.ess_tail)
     return abs(float(np.mean(quantity)) - truth) / float(np.std(quantity) / np.sqrt(ess))
 
 
@@ -46,8 +46,8 @@ def test_correlated_gaussian_has_its_moments_at_few_evaluations() -> None:
     start = WarpedStudentT.of(np.array([0.5, 0.5, -1.0]), np.diag([1.0, 0.5, 3.0]))
     chain = run_chain(lambda x: -0.5 * np.einsum("ni,ij,nj->n", x, precision, x), start, QUICK, 4)
     assert chain.converged
-    assert chain.tau < 2.0
-    assert chain.evaluations < 4.0 * min(chain.ess_bulk, chain.ess_tail) + 4000
+    assert chain.worst.tau < 2.0
+    assert chain.evaluations < 4.0 * min(chain.worst.ess_bulk, chain.worst.ess_tail) + 4000
     x = chain.points.reshape(-1, 3)
     for i in range(3):
         assert off(chain, x[:, i], 0.0) < 5.0
@@ -58,12 +58,12 @@ def test_correlated_gaussian_has_its_moments_at_few_evaluations() -> None:
 def test_banana_has_its_moments() -> None:
     chain = run_chain(interrupted_run.banana, WarpedStudentT.of(np.zeros(2), np.diag([1.0, 3.0])), QUICK, 3)
     assert chain.converged
-    assert chain.r_hat <= 1.01
+    assert chain.worst.r_hat <= 1.01
     x = chain.points.reshape(-1, 2)
     assert off(chain, x[:, 0], 0.0) < 5.0
     assert off(chain, x[:, 1], 1.0) < 5.0
     assert off(chain, (x[:, 1] - 1.0) ** 2, 3.0) < 5.5
-    assert stats.kstest(x[:: int(4 * chain.tau), 0], "norm").pvalue > 1e-5
+    assert stats.kstest(x[:: int(4 * chain.worst.tau), 0], "norm").pvalue > 1e-5
 
 
 class AtABound:
@@ -89,7 +89,7 @@ def test_a_truncated_normal_is_right_up_to_its_bound() -> None:
     assert off(chain, x[:, 0], exact.mean()) < 5.0
     assert off(chain, x[:, 0] < exact.ppf(0.05), 0.05) < 5.0
     assert off(chain, x[:, 0] > exact.ppf(0.95), 0.05) < 5.0
-    assert stats.kstest(x[:: int(4 * chain.tau), 0], exact.cdf).pvalue > 1e-5
+    assert stats.kstest(x[:: int(4 * chain.worst.tau), 0], exact.cdf).pvalue > 1e-5
 
 
 def test_a_corner_across_all_coordinates_is_sampled_at_few_evaluations() -> None:
@@ -102,7 +102,7 @@ def test_a_corner_across_all_coordinates_is_sampled_at_few_evaluations() -> None
 
     chain = run_chain(corner, WarpedStudentT.of(np.zeros(4), np.eye(4), axes=axes), SampleSettings(), 8)
     assert chain.converged
-    assert chain.evaluations < 5.0 * min(chain.ess_bulk, chain.ess_tail)
+    assert chain.evaluations < 5.0 * min(chain.worst.ess_bulk, chain.worst.ess_tail)
     y = chain.points.reshape(-1, 4) @ axes.T
     right = 10.0 / 11.0
     assert off(chain, y[:, 0] > 0.0, right) < 5.0

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from aero_bayes.estimate.whiteness import correlation_p_value
+from aero_bayes.estimate.noise import correlation_p_value
 
 pytestmark = pytest.mark.fast
 

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from runs import ran
 from test_engine_isolation import FINE, TIME
 
 from aero_bayes.errors import InputError
@@ -47,8 +48,7 @@ def problem(test_fmu) -> Problem:
 
 
 def check(problem: Problem, modes: list[int], pool: WorkerPool) -> None:
-    with NativeSimulator(problem, pool=pool) as simulator:
-        found = simulator.simulate(np.array(modes, dtype=float)[:, None])
+    found = ran(problem, pool, np.array(modes, dtype=float)[:, None])
     for mode, outcome, out in zip(modes, found.outcomes[:, 0], found.outputs[0], strict=True):
         if mode in ENDS:
             assert Outcome(outcome) in ENDS[mode], mode

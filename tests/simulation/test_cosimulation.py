@@ -127,16 +127,6 @@ def test_steps_of_one_size_follow_the_fmu_and_not_the_readings_that_are_left(tes
     np.testing.assert_allclose(found[1], found[0][[0, 3, 10, 11, 40]], rtol=1e-12)
 
 
-@pytest.mark.filterwarnings("ignore::UserWarning")
-def test_an_error_is_told_in_the_words_of_the_fmu(test_fmu):
-    model = test_fmu("Trouble", defines=("STEPS",))
-    problem = Problem(model, (Experiment(TIME, ("x",)),), ((ParameterTarget("mode"),),))
-    with open_simulator(problem, workers=1) as simulator:
-        assert simulator.words == ""
-        simulator.simulate(np.array([[float(FAIL)]]))
-        assert simulator.words != ""
-
-
 @pytest.mark.parametrize(
     ("defines", "near"),
     [

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from runs import ran
 
 from aero_bayes.simulation.engines import open_simulator
 from aero_bayes.simulation.interface import (
@@ -19,7 +20,6 @@ from aero_bayes.simulation.interface import (
     StartTarget,
 )
 from aero_bayes.simulation.model import Model
-from aero_bayes.simulation.native_simulator import NativeSimulator
 
 pytestmark = pytest.mark.fast
 
@@ -64,8 +64,7 @@ def test_directional_derivatives_that_leave_parameters_out_are_not_used(test_fmu
         problem = Problem(
             test_fmu("VanDerPol", defines=defines), (Experiment(time, ("x0", "x1")),), (targets,), settings=TIGHT
         )
-        with NativeSimulator(problem, pool=here) as simulator:
-            found.append(simulator.simulate(np.array([[2.0, 0.3]]), active=[0, 1]).sensitivities[0])
+        found.append(ran(problem, here, [2.0, 0.3], active=[0, 1]).sensitivities[0])
     np.testing.assert_allclose(found[1], found[0], atol=1e-6 * np.abs(found[0]).max())
 
 
@@ -146,6 +145,5 @@ def assert_within_a_hundred_thousandth(aero, here, time, signal, exact):
     experiment = Experiment(time, ("i_m", "omega_m", "theta"), (signal,))
     runs = []
     for settings in (SolverSettings(), exact):
-        with NativeSimulator(Problem(aero, (experiment,), ((),), settings=settings), pool=here) as simulator:
-            runs.append(simulator.simulate(np.zeros((1, 0))).outputs[0][0])
+        runs.append(ran(Problem(aero, (experiment,), ((),), settings=settings), here).outputs[0][0])
     assert np.all(np.abs(runs[0] - runs[1]).max(axis=0) < 1e-5 * np.ptp(runs[1], axis=0))

@@ -6,10 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from runs import one_run, ran
 from scipy.linalg import expm
 
 from aero_bayes.modelica.compilers import export_fmu
-from aero_bayes.simulation.engines import open_simulator
 from aero_bayes.simulation.interface import (
     DelayTarget,
     Experiment,
@@ -45,11 +45,7 @@ def run(
     fixed: dict[str, float] | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
     problem = Problem(model, (experiment,), (targets,), fixed or {}, settings)
-    with NativeSimulator(problem, pool=pool) as simulator:
-        found = simulator.simulate(np.array([values]).reshape(1, -1), active=range(len(targets)))
-    assert found.outcomes[0, 0] == Outcome.OK
-    assert found.sensitivities is not None
-    return found.outputs[0][0], found.sensitivities[0][0]
+    return one_run(problem, pool, values)
 
 
 def response(time: np.ndarray, signal: InputSignal, k: float, b: float, x0: float, delay: float = 0.0) -> np.ndarray:
@@ -69,8 +65,7 @@ def test_a_state_without_a_nominal_value_is_as_exact_however_small(test_fmu, her
     signal = replace(drive(time)[0], values=size * drive(time)[0].values)
     experiment = Experiment(time, ("x",), (signal,))
     targets, (k, b) = (ParameterTarget("k"), ParameterTarget("b"), StartTarget("x")), (1.3, 0.7)
-    with NativeSimulator(Problem(test_fmu("Dahlquist"), (experiment,), (targets,)), pool=here) as simulator:
-        x = simulator.simulate(np.array([[k, b, size]])).outputs[0][0, :, 0]
+    x = ran(Problem(test_fmu("Dahlquist"), (experiment,), (targets,)), here, [k, b, size]).outputs[0][0, :, 0]
     np.testing.assert_allclose(x / size, response(time, signal, k, b, size) / size, atol=1e-5)
 
 
@@ -107,8 +102,7 @@ def test_values_that_are_known_in_each_run(test_fmu, here, engine):
     rates, targets = (0.4, 1.3, 0.9), (ParameterTarget("b"), StartTarget("x"))
     runs = tuple(Experiment(time, ("x",), (signal,), known={"k": k}) for k in rates)
     problem = Problem(test_fmu("Dahlquist"), runs, (targets,) * 3, {"k": 7.0, "c": 0.0}, SolverSettings(1e-9, 1e-9))
-    with open_simulator(problem, engine, pool=here if engine == "native" else None) as simulator:
-        found = simulator.simulate(np.array([[0.7, 1.5], [0.2, 0.5]]), active=[0])
+    found = ran(problem, here if engine == "native" else None, [[0.7, 1.5], [0.2, 0.5]], active=[0], engine=engine)
     for e, k in enumerate(rates):
         for row, (b, x) in enumerate(((0.7, 1.5), (0.2, 0.5))):
             np.testing.assert_allclose(found.outputs[e][row, :, 0], response(time, signal, k, b, x), atol=1e-6)
@@ -322,8 +316,7 @@ def test_sensitivities_that_die_away_take_no_more_steps_than_the_states(tmp_path
     experiment = Experiment(time, ("y",), (InputSignal("u", jumps, levels),))
     few, one, two = SolverSettings(1e-5, 1e-5, max_steps=1000), 0.5, 0.003
     targets = (ParameterTarget("T_1"), ParameterTarget("T_2"))
-    with NativeSimulator(Problem(fmu, (experiment,), (targets,), {}, few), pool=here) as simulator:
-        found = simulator.simulate(np.array([[one, two]]), active=[0, 1])
+    found = ran(Problem(fmu, (experiment,), (targets,), {}, few), here, [one, two], active=[0, 1])
     assert found.outcomes[0, 0] == Outcome.OK
     assert found.sensitivities is not None
 
@@ -346,8 +339,7 @@ def test_a_run_beyond_its_step_budget_is_too_slow(test_fmu, here) -> None:
     found = {}
     for most in (0, 2):
         experiment = Experiment(time, ("y",), most_steps=most)
-        with NativeSimulator(Problem(model, (experiment,), ((),)), pool=here) as simulator:
-            found[most] = simulator.simulate(np.zeros((1, 0)))
+        found[most] = ran(Problem(model, (experiment,), ((),)), here)
     assert found[0].outcomes[0, 0] == Outcome.OK
     assert found[0].steps[0, 0] > 2
     assert found[2].outcomes[0, 0] == Outcome.TOO_SLOW

@@ -6,10 +6,10 @@ from time import thread_time
 
 import numpy as np
 import pytest
+from runs import ran
 from scipy.integrate import quad
 
 from aero_bayes.modelica.compilers import export_fmu
-from aero_bayes.simulation.engines import open_simulator
 from aero_bayes.simulation.interface import Experiment, Outcome, ParameterTarget, Problem, SolverSettings, StartTarget
 from aero_bayes.simulation.model import Model
 from aero_bayes.simulation.native_simulator import NativeSimulator
@@ -35,8 +35,7 @@ def test_bouncing_ball(test_fmu, here):
         test_fmu("BouncingBall"), (Experiment(time, ("h", "v")),), ((StartTarget("h"), ParameterTarget("e")),)
     )
     values = np.array([[1.0, 0.7], [0.5, 0.5]])
-    with NativeSimulator(problem, pool=here) as simulator:
-        found = simulator.simulate(values, active=[0, 1])
+    found = ran(problem, here, values, active=[0, 1])
     assert np.all(found.outcomes == Outcome.OK)
     for row, (height, e) in enumerate(values):
         np.testing.assert_allclose(found.outputs[0][row, :, 0], bounce(time, height, e), atol=1e-7)
@@ -58,8 +57,7 @@ def test_stair_with_time_events(test_fmu, here):
     problem = Problem(
         test_fmu("Stair"), (Experiment(time, ("counter", "x")),), ((ParameterTarget("kick"),),), {"period": 0.25}
     )
-    with NativeSimulator(problem, pool=here) as simulator:
-        found = simulator.simulate(np.array([[0.5]]), active=[0])
+    found = ran(problem, here, [0.5], active=[0])
     assert found.outcomes[0, 0] == Outcome.OK
 
     def counter(t: float) -> float:
@@ -80,8 +78,7 @@ def test_time_events_of_a_model_without_states(test_fmu, here, defines, engine):
     problem = Problem(
         test_fmu("Ticker", defines=defines), (Experiment(time, ("count", "y")),), ((ParameterTarget("period"),),)
     )
-    with open_simulator(problem, engine, pool=here) as simulator:
-        found = simulator.simulate(np.array([[0.3], [0.07]]))
+    found = ran(problem, here, [[0.3], [0.07]], engine=engine)
     assert np.all(found.outcomes == Outcome.OK)
     for out, period in zip(found.outputs[0], (0.3, 0.07), strict=True):
         count = np.floor(time / period)
@@ -94,8 +91,7 @@ def test_events_cost_no_accuracy(test_fmu, here):
     for tolerance in (1e-4, 1e-8):
         settings = SolverSettings(tolerance, tolerance)
         problem = Problem(test_fmu("BouncingBall"), (Experiment(time, ("h",)),), ((),), settings=settings)
-        with NativeSimulator(problem, pool=here) as simulator:
-            out = simulator.simulate(np.zeros((1, 0))).outputs[0][0, :, 0]
+        out = ran(problem, here).outputs[0][0, :, 0]
         errors.append(np.max(np.abs(out - bounce(time, 1.0, 0.7))))
     assert max(errors) < 1e-9  # parabolas are integrated exactly: only the event times could err
 
@@ -122,8 +118,7 @@ def test_sensitivities_beyond_a_switch(tmp_path, here, d, near):
         fmu, (Experiment(time, ("x",)),), ((ParameterTarget("c"), ParameterTarget("k")),), {"d": d},
         settings=SolverSettings(1e-9, 1e-9),
     )  # fmt: skip
-    with NativeSimulator(problem, pool=here) as simulator:
-        found = simulator.simulate(np.array([[c, k]]), active=[0, 1])
+    found = ran(problem, here, [c, k], active=[0, 1])
     late, after = time > c, time - c
     decay = np.exp(-k * after)
     x = np.where(late, c + (1.0 - d) * (1.0 - decay) / k, time)

@@ -13,6 +13,7 @@ import time as clock
 
 import numpy as np
 import pytest
+from runs import ran
 
 from aero_bayes.errors import InputError
 from aero_bayes.simulation.interface import Experiment, Outcome, ParameterTarget, Problem, SolverSettings
@@ -88,8 +89,7 @@ def test_trouble_in_the_reduced_calls(test_fmu, pool):
 
 
 def test_not_finite_values_are_not_run(test_fmu, here):
-    with NativeSimulator(trouble(test_fmu), pool=here) as simulator:
-        found = simulator.simulate(np.array([[np.nan], [np.inf], [0.0]]))
+    found = ran(trouble(test_fmu), here, [[np.nan], [np.inf], [0.0]])
     assert list(found.outcomes[:, 0]) == [Outcome.NOT_FINITE, Outcome.NOT_FINITE, Outcome.OK]
 
 
@@ -143,8 +143,7 @@ def test_a_killed_worker_is_replaced(test_fmu):
 def test_large_results_grow_the_shared_memory(test_fmu, pool):
     time = np.linspace(0.0, 1.0, 200_001)
     problem = Problem(test_fmu("Dahlquist"), (Experiment(time, ("x", "y")),), ((ParameterTarget("k"),),))
-    with NativeSimulator(problem, pool=pool) as simulator:
-        found = simulator.simulate(np.array([[1.0], [2.0], [3.0]]), active=[0])
+    found = ran(problem, pool, [[1.0], [2.0], [3.0]], active=[0])
     for row, k in enumerate((1.0, 2.0, 3.0)):
         np.testing.assert_allclose(found.outputs[0][row, :, 0], np.exp(-k * time), atol=1e-5)
 

@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
+from runs import ran
 from test_model_load import replaced, rewrite
 
 from aero_bayes.errors import InputError
@@ -21,7 +22,6 @@ from aero_bayes.simulation.interface import (
     StartTarget,
 )
 from aero_bayes.simulation.model import Model
-from aero_bayes.simulation.native_simulator import NativeSimulator
 
 pytestmark = pytest.mark.fast
 
@@ -51,8 +51,7 @@ def test_the_same_numbers_as_fmi_2(test_fmu, here, drive, name, outputs, targets
     found = []
     for defines in ((), ("FMI3",)):
         model = test_fmu(name, directional=directional, defines=defines)
-        with NativeSimulator(problem(model, outputs, targets, drive), pool=here) as simulator:
-            found.append(simulator.simulate(np.array([values]), active=range(len(values))))
+        found.append(ran(problem(model, outputs, targets, drive), here, [values], active=range(len(values))))
         assert model.fmi_version == (3 if defines else 2)
     two, three = found
     assert three.outcomes[0, 0] == Outcome.OK

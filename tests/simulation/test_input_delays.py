@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from runs import one_run
 
 from aero_bayes.errors import InputError
 from aero_bayes.modelica.compilers import export_fmu
-from aero_bayes.simulation.engines import open_simulator
 from aero_bayes.simulation.interface import (
     DelayTarget,
     Experiment,
     InputSignal,
-    Outcome,
     Problem,
     ProblemTarget,
     SolverSettings,
@@ -63,11 +62,7 @@ def simulated(
     engine: str,
 ) -> tuple[np.ndarray, np.ndarray]:
     problem = Problem(model, (Experiment(TIME, ("x", "y"), signals),), (targets,), {}, TIGHT)
-    with open_simulator(problem, engine, workers=0) as simulator:
-        found = simulator.simulate(np.array([values]), active=range(len(targets)))
-    assert found.outcomes[0, 0] == Outcome.OK
-    assert found.sensitivities is not None
-    return found.outputs[0][0], found.sensitivities[0][0]
+    return one_run(problem, None, values, engine)
 
 
 @pytest.mark.parametrize("engine", ["native", "fmpy"])

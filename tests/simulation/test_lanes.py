@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from runs import ran
 
 from aero_bayes.modelica.compilers import export_fmu
 from aero_bayes.simulation.interface import (
@@ -22,9 +23,9 @@ from aero_bayes.simulation.interface import (
 from aero_bayes.simulation.model import Model
 from aero_bayes.simulation.native_simulator import NativeSimulator
 from aero_bayes.simulation.workers import WorkerPool
-from aero_bayes.structure.attach import OpenModel, attached
+from aero_bayes.structure.attach import LawBlocks, attached
 from aero_bayes.structure.coupled_fmu import couple
-from aero_bayes.structure.law_blocks import LawBlocks
+from aero_bayes.structure.open_ports import OpenModel
 
 pytestmark = pytest.mark.fast
 
@@ -185,8 +186,7 @@ end Ball;
     )
     model = Model.load(export_fmu("Ball", tmp_path / "Ball.fmu", compiler="embedded", sources=source))
     problem = Problem(model, (Experiment(np.linspace(0.0, 1.0, 11), ("h",)),), ((ParameterTarget("e"),),))
-    with NativeSimulator(problem, pool=here) as simulator:
-        found = simulator.simulate(np.linspace(0.1, 0.9, 9)[:, None])
+    found = ran(problem, here, np.linspace(0.1, 0.9, 9)[:, None])
     fall = np.sqrt(2.0 / 9.81)
     before = found.outputs[0][:, 4, 0]  # at 0.4 s, before the first impact
     np.testing.assert_allclose(before, 1.0 - 0.5 * 9.81 * 0.4**2, atol=1e-7)
@@ -229,7 +229,6 @@ def test_a_run_out_of_time_ends_alone(test_fmu, here):
     what = Experiment(np.linspace(0.0, 2.0, 41), ("x",))
     settings = SolverSettings(time_limit=0.05, max_steps=1_000_000_000)
     problem = Problem(model, (what,), ((ParameterTarget("mode"),),), settings=settings)
-    with NativeSimulator(problem, pool=here) as simulator:
-        found = simulator.simulate(np.array([[FINE], [STIFFEN], [FINE]], dtype=float))
+    found = ran(problem, here, np.array([[FINE], [STIFFEN], [FINE]], dtype=float))
     assert list(found.outcomes[[0, 2], 0]) == [Outcome.OK, Outcome.OK]
     assert Outcome(found.outcomes[1, 0]) in EXPECTED[STIFFEN]

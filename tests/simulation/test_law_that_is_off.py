@@ -6,17 +6,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from runs import ran
 
-from aero_bayes.simulation.engines import open_simulator
 from aero_bayes.simulation.interface import Experiment, Outcome, ParameterTarget, Problem, SolverSettings, StartTarget
 from aero_bayes.simulation.model import Model
-from aero_bayes.structure.attach import attached
+from aero_bayes.structure.attach import LawBlocks, attached
+from aero_bayes.structure.candidates import Candidate, place_law
 from aero_bayes.structure.compose import LawModels, law_models
 from aero_bayes.structure.coupled_fmu import couple
-from aero_bayes.structure.fmu_ports import FmuBoundary
+from aero_bayes.structure.fmu_ports import FmuPlaces
 from aero_bayes.structure.law import Law, shipped_laws
-from aero_bayes.structure.law_blocks import LawBlocks
-from aero_bayes.structure.placed_law import place_law
 
 pytestmark = pytest.mark.fast
 
@@ -46,10 +45,10 @@ def test_a_law_that_is_off_changes_nothing(
     test_fmu, here, drive, gain, tmp_path: Path, name, directional, defines, output, values
 ) -> None:
     inner = test_fmu(name, directional=directional, defines=defines)
-    boundary, (law, models) = FmuBoundary(inner), gain
-    port = max((p for p in boundary.ports if p.kind == "reading"), key=lambda p: p.id == output)
-    taken = {*boundary.names.values(), *(v.name for v in inner.parameters)}
-    coupling = attached(boundary.opened(), [place_law(law, port, taken)], LawBlocks(models, tmp_path))
+    places, (law, models) = FmuPlaces(name, fmu=inner.path), gain
+    port = max((p for p in places.ports if p.kind == "reading"), key=lambda p: p.id == output)
+    taken = {*places.names.values(), *(v.name for v in inner.parameters)}
+    coupling = attached(places.opened(), [place_law(Candidate(law, port), taken)], LawBlocks(models, tmp_path))
     couple(coupling, tmp_path / "coupled.fmu")
     inputs = drive(TIME) if any(v.name == "u" for v in inner.inputs) else ()
     states = {s.name for s in inner.states}
@@ -61,8 +60,7 @@ def test_a_law_that_is_off_changes_nothing(
         )
         experiment = Experiment(TIME, (output,), inputs)
         problem = Problem(model, (experiment,), (targets,), settings=SolverSettings(1e-9, 1e-9))
-        with open_simulator(problem, pool=here) as simulator:
-            found.append(simulator.simulate(np.array([list(values.values())]), active=range(len(values))))
+        found.append(ran(problem, here, [list(values.values())], active=range(len(values))))
         assert found[-1].outcomes[0, 0] == Outcome.OK
     np.testing.assert_allclose(found[1].outputs[0], found[0].outputs[0], atol=1e-8)
     np.testing.assert_allclose(found[1].sensitivities[0], found[0].sensitivities[0], atol=1e-4)

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from fmpy import extract, read_model_description
 from fmpy.fmi2 import FMU2Slave
+from runs import ran
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
@@ -106,8 +107,7 @@ def test_no_further_from_the_reference_than_a_millionth_of_the_range(
     model = build(tmp_path, text.split()[1], text)
     signal = InputSignal("u", time, level, interpolation)
     problem = Problem(model, (Experiment(time, (model.outputs[0].name,), (signal,)),), ((),))
-    with NativeSimulator(problem, pool=here) as simulator:
-        found = simulator.simulate(np.zeros((1, 0)))
+    found = ran(problem, here)
     assert found.outcomes[0, 0] == Outcome.OK
     exact = reference(slope, time, level, interpolation, method, interval if method == "LSODA" else interval / 20.0)
     assert np.abs(found.outputs[0][0, :, 0] - exact).max() <= 1e-6 * np.ptp(exact)
@@ -122,8 +122,7 @@ def test_a_linear_model_is_exact_at_uneven_samples_and_with_a_delay(test_fmu, he
     experiment = Experiment(time, ("x",), (InputSignal("u", time, level),))
     targets, (k, b) = (ParameterTarget("k"), ParameterTarget("b"), DelayTarget()), (30.0, 0.7)
     problem = Problem(test_fmu("Dahlquist", directional=directional), (experiment,), (targets,), {"c": 0.0})
-    with NativeSimulator(problem, pool=here) as simulator:
-        found = simulator.simulate(np.array([[k, b, delay]])).outputs[0][0, :, 0]
+    found = ran(problem, here, [k, b, delay]).outputs[0][0, :, 0]
     exact, x = [found[0]], found[0]
     for j in range(1, time.size):
         for span, u in ((delay, level[max(j - 2, 0)]), (time[j] - time[j - 1] - delay, level[j - 1])):
@@ -138,8 +137,7 @@ def test_a_tighter_tolerance_is_kept_too(tmp_path, here):
     level = 6.0 * np.sin(time) + np.random.default_rng(3).standard_normal(time.size)
     experiment = Experiment(time, ("w",), (InputSignal("u", time, level),))
     problem = Problem(build(tmp_path, "Motor", MOTOR), (experiment,), ((),), settings=SolverSettings(1e-9, 1e-9))
-    with NativeSimulator(problem, pool=here) as simulator:
-        found = simulator.simulate(np.zeros((1, 0))).outputs[0][0, :, 0]
+    found = ran(problem, here).outputs[0][0, :, 0]
     exact = reference(motor, time, level, "hold", "LSODA", 0.02)
     assert np.abs(found - exact).max() <= 2e-8 * np.ptp(exact)
 

@@ -6,6 +6,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+from runs import one_run, ran
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 from test_engine_events import bounce
@@ -22,7 +23,6 @@ from aero_bayes.simulation.interface import (
     StartTarget,
 )
 from aero_bayes.simulation.model import Model
-from aero_bayes.simulation.native_simulator import NativeSimulator
 from aero_bayes.simulation.workers import WorkerPool
 
 pytestmark = pytest.mark.fast
@@ -41,11 +41,7 @@ def run(
     **other: object,
 ) -> tuple[np.ndarray, np.ndarray]:
     problem = Problem(model, (Experiment(TIME, outputs, **other),), (targets,), settings=TIGHT)  # type: ignore[arg-type]
-    with open_simulator(problem, engine, pool=pool) as simulator:  # type: ignore[arg-type]
-        found = simulator.simulate(np.array([values]).reshape(1, -1), active=range(len(targets)))
-    assert found.outcomes[0, 0] == Outcome.OK
-    assert found.sensitivities is not None
-    return found.outputs[0][0], found.sensitivities[0][0]
+    return one_run(problem, pool, values, engine)
 
 
 @pytest.mark.parametrize("engine", ["native", "fmpy"])
@@ -85,8 +81,7 @@ def test_starts_by_the_output_are_those_by_the_state(test_fmu, here):
 def test_states_selected_while_the_model_runs_are_refused(test_fmu, here, tmp_path):
     model = test_fmu("Circle", directional=False)
     problem = Problem(model, (Experiment(TIME, ("x", "y")),), ((),))
-    with open_simulator(problem, pool=here) as simulator:
-        found = simulator.simulate(np.zeros((1, 0)))
+    found = ran(problem, here)
     assert found.outcomes[0, 0] == Outcome.STATES_SELECTED_ANEW
     from test_model_load import replaced, rewrite
 
@@ -149,8 +144,7 @@ def test_an_fmu_that_runs_once_a_process_is_an_outcome_not_a_wait(test_fmu, here
     problem = Problem(model, (Experiment(TIME, ("clipped",)),), ((ParameterTarget("w"),),))
     with WorkerPool(1) as pool:
         for place in (here, pool):
-            with NativeSimulator(problem, pool=place) as simulator:
-                found = simulator.simulate(np.array([[1.0], [2.0]]))
+            found = ran(problem, place, [[1.0], [2.0]])
             assert np.all(found.outcomes == Outcome.MODEL_ERROR)
 
 
@@ -191,8 +185,7 @@ def test_steps_with_idle_events_stay_large(test_fmu, here):
     steps = []
     for defines in ((), ("ALWAYS",)):
         problem = Problem(test_fmu("Stepping", defines=defines), (Experiment(TIME, ("x",)),), ((),), settings=TIGHT)
-        with NativeSimulator(problem, pool=here) as simulator:
-            steps.append(simulator.simulate(np.zeros((1, 0))).steps[0, 0])
+        steps.append(ran(problem, here).steps[0, 0])
     assert steps[1] <= 3 * steps[0]  # every event counts as a step of its own
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from runs import ran
 
 import aero_bayes
 from aero_bayes import FitSettings
@@ -35,8 +36,7 @@ def simulated(
 ):
     experiments = tuple(Experiment(TIME[:n], ("x", "y"), inputs) for n in (41, 21))
     problem = Problem(model, experiments, (TARGETS.get(define, OTHERS),) * 2)
-    with open_simulator(problem, pool=pool) as simulator:
-        return simulator.simulate(VALUES, active=active)
+    return ran(problem, pool, VALUES, active=active)
 
 
 @pytest.mark.long

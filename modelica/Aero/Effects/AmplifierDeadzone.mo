@@ -1,5 +1,5 @@
 within Aero.Effects;
-model AmplifierDeadzone "Amplifier that does not answer small voltages"
+model AmplifierDeadzone "An amplifier that does not answer small voltages"
   extends Interfaces.ElectricalEffect;
   parameter Real V_dz(unit = "V", min = 0, max = 6, nominal = 0.5) = 0 "Half width of the amplifier's dead zone";
   parameter Real v_smooth(unit = "V", min = 1e-6) = 0.01 "Width of the rounding at its ends";

@@ -1,5 +1,5 @@
 within Aero.Effects;
-model AmplifierSaturation "Amplifier whose voltage is limited"
+model AmplifierSaturation "An amplifier whose voltage is limited"
   extends Interfaces.ElectricalEffect;
   parameter Real s_sat(unit = "1/V", min = 0, max = 0.5, nominal = 0.05) = 0 "Inverse of the amplifier's limit";
   parameter Real knee(unit = "1", min = 1e-6) = 1e-3 "Width of the rounding at the limit, relative to it";

@@ -1,5 +1,5 @@
 within Aero.Effects;
-model BodyRateCurve "Torque at the pivot that depends on the pitch rate in an unlisted way"
+model BodyRateCurve "A torque at the pivot that depends on the pitch rate in an unlisted way"
   extends Interfaces.BodyEffect;
   parameter Real x_n(unit = "rad/s") = 1 "Largest pitch rate";
   parameter Real c_1(unit = "N.m", min = -0.1, max = 0.1, nominal = 0.001) = 0 "Torque against the motion near -x_n";

@@ -1,5 +1,5 @@
 within Aero.Effects;
-model BrushDrop "Voltage drop of the brush contacts"
+model BrushDrop "A voltage drop of the brush contacts"
   extends Interfaces.ElectricalEffect;
   parameter Real V_b(unit = "V", min = 0, max = 6, nominal = 0.5) = 0 "Voltage drop of the brush contacts";
   parameter Real i_smooth(unit = "A", min = 1e-8) = 1e-5 "Current over which the drop changes its sign";

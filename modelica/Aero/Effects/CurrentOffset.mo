@@ -1,5 +1,5 @@
 within Aero.Effects;
-model CurrentOffset "Current reading that is off by a constant"
+model CurrentOffset "A current reading that is off by a constant"
   extends Interfaces.Sensor;
   parameter Real b_i(unit = "A", min = -1, max = 1, nominal = 0.01) = 0 "Offset of the current reading";
 equation

@@ -1,5 +1,5 @@
 within Aero.Effects;
-model ElectricalCurve "Voltage drop that depends on the current in an unlisted way"
+model ElectricalCurve "A voltage drop that depends on the current in an unlisted way"
   extends Interfaces.ElectricalEffect;
   parameter Real x_n(unit = "A") = 1 "Largest current";
   parameter Real c_1(unit = "V", min = -100, max = 100, nominal = 1) = 0 "Voltage drop near -x_n";

@@ -1,5 +1,5 @@
 within Aero.Effects;
-model ElectricalSpeedCurve "Voltage drop that depends on the speed in an unlisted way"
+model ElectricalSpeedCurve "A voltage drop that depends on the speed in an unlisted way"
   extends Interfaces.ElectricalEffect;
   parameter Real x_n(unit = "rad/s") = 1 "Largest speed of the motor";
   parameter Real c_1(unit = "V", min = -100, max = 100, nominal = 1) = 0 "Voltage drop near -x_n";

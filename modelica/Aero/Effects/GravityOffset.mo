@@ -1,5 +1,5 @@
 within Aero.Effects;
-model GravityOffset "Centre of mass beside the pivot"
+model GravityOffset "A centre of mass beside the pivot"
   extends Interfaces.BodyEffect;
   parameter Real tau_g(unit = "N.m", min = -0.05, max = 0.05, nominal = 0.001) = 0 "Torque of a centre of mass beside the pivot, at zero pitch";
 equation

@@ -1,5 +1,5 @@
 within Aero.Effects;
-model PitchDelay "Reading that comes late"
+model PitchDelay "A reading that comes late"
   extends Interfaces.Sensor;
   parameter Real T_d(unit = "s", min = 0, max = 0.5, nominal = 0.03) = 0 "Delay of the pitch reading";
   parameter Real T_min(unit = "s", min = 1e-6) = 2e-3 "Delay below which the shape of the approximation is kept";

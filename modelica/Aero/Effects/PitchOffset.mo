@@ -1,5 +1,5 @@
 within Aero.Effects;
-model PitchOffset "Pitch reading that is off by a constant"
+model PitchOffset "A pitch reading that is off by a constant"
   extends Interfaces.Sensor;
   parameter Real b_th(unit = "rad", min = -0.5, max = 0.5, nominal = 0.01) = 0 "Offset of the pitch reading";
 equation

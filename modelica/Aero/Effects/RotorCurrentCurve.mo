@@ -1,5 +1,5 @@
 within Aero.Effects;
-model RotorCurrentCurve "Braking torque that depends on the current in an unlisted way"
+model RotorCurrentCurve "A braking torque that depends on the current in an unlisted way"
   extends Interfaces.RotorEffect;
   parameter Real x_n(unit = "A") = 1 "Largest current";
   parameter Real c_1(unit = "N.m", min = -0.1, max = 0.1, nominal = 0.001) = 0 "Braking torque near -x_n";

@@ -1,5 +1,5 @@
 within Aero.Effects;
-model RotorCurve "Braking torque that depends on the speed in an unlisted way"
+model RotorCurve "A braking torque that depends on the speed in an unlisted way"
   extends Interfaces.RotorEffect;
   parameter Real x_n(unit = "rad/s") = 1 "Largest speed of the rotor";
   parameter Real c_1(unit = "N.m", min = -0.1, max = 0.1, nominal = 0.001) = 0 "Braking torque near -x_n";

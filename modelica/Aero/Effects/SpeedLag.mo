@@ -1,5 +1,5 @@
 within Aero.Effects;
-model SpeedLag "Reading that follows as a first-order lag"
+model SpeedLag "A reading that follows as a first-order lag"
   extends Interfaces.Sensor;
   parameter Real T_w(unit = "s", min = 0, max = 1, nominal = 0.03) = 0 "Time constant of the speed reading";
   parameter Real T_min(unit = "s", min = 1e-6) = 1e-3 "Time constant below which the lag is taken to first order";

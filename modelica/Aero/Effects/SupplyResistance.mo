@@ -1,5 +1,5 @@
 within Aero.Effects;
-model SupplyResistance "Resistance of supply and leads"
+model SupplyResistance "A resistance of supply and leads"
   extends Interfaces.ElectricalEffect;
   parameter Real R_s(unit = "Ohm", min = 0, max = 20, nominal = 1) = 0 "Resistance of supply and leads";
 equation

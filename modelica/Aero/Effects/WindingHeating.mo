@@ -1,5 +1,5 @@
 within Aero.Effects;
-model WindingHeating "Armature resistance that grows as the winding heats"
+model WindingHeating "An armature resistance that grows as the winding heats"
   extends Interfaces.ElectricalEffect;
   parameter Real r_h(unit = "Ohm/A2", min = 0, max = 1000, nominal = 20) = 0 "Added resistance of the warm winding";
   parameter Real T_h(unit = "s", min = 0.5, max = 500, nominal = 10) = 10 "Time constant of the winding's heating";

@@ -1,5 +1,5 @@
 within Laws.Electrical;
-model ContactDrop "Voltage drop that hardly depends on the current"
+model ContactDrop "A voltage drop that hardly depends on the current"
   extends Laws.Interfaces.SeriesLaw;
   parameter Real V_c(min = 0, max = v_n, nominal = 0.1 * v_n) = 0 "Voltage drop";
 protected

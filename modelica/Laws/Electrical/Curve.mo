@@ -1,5 +1,5 @@
 within Laws.Electrical;
-model Curve "Voltage that depends on the current in an unlisted way"
+model Curve "A voltage that depends on the current in an unlisted way"
   extends Laws.Interfaces.SeriesLaw;
   parameter Real c_1(min = -10 * v_n, max = 10 * v_n, nominal = 0.1 * v_n) = 0 "Voltage near i = -i_n";
   parameter Real c_2(min = -10 * v_n, max = 10 * v_n, nominal = 0.1 * v_n) = 0 "Voltage near i = -2/3 i_n";

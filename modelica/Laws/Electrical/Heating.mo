@@ -1,5 +1,5 @@
 within Laws.Electrical;
-model Heating "Resistance that grows as the winding heats"
+model Heating "A resistance that grows as the winding heats"
   extends Laws.Interfaces.SeriesLaw;
   parameter Real r_h(min = 0, max = 10 * v_n / i_n ^ 3, nominal = 0.1 * v_n / i_n ^ 3) = 0 "Added resistance for each square ampere after a long time";
   parameter Real T_h(min = 0.1 * t_n, max = 1000 * t_n, nominal = 10 * t_n) = 10 * t_n "Thermal time constant";

@@ -1,5 +1,5 @@
 within Laws.Electrical;
-model Polarisation "Voltage that builds up over a resistor and a capacitor in parallel"
+model Polarisation "A voltage that builds up over a resistor and a capacitor in parallel"
   extends Laws.Interfaces.SeriesLaw;
   parameter Real R_1(min = 0, max = 10 * v_n / i_n, nominal = 0.1 * v_n / i_n) = 0 "Resistance of the pair";
   parameter Real T_1(min = 0.1 * t_n, max = 1000 * t_n, nominal = 3 * t_n) = 3 * t_n "Time constant of the pair, its resistance times its capacitance";

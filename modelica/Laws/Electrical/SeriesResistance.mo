@@ -1,5 +1,5 @@
 within Laws.Electrical;
-model SeriesResistance "Resistance in series"
+model SeriesResistance "A resistance in series"
   extends Laws.Interfaces.SeriesLaw;
   parameter Real R_s(min = 0, max = 10 * v_n / i_n, nominal = 0.1 * v_n / i_n) = 0 "Resistance";
 equation

@@ -1,5 +1,5 @@
 within Laws.Inputs;
-model Curve "Actuator whose gain depends on its input in an unlisted way"
+model Curve "An actuator whose gain depends on its input in an unlisted way"
   extends Laws.Interfaces.InputLaw;
   parameter Real c_1(min = -1, max = 1, nominal = 0.1) = 0 "Share of u_n near u = -u_n";
   parameter Real c_2(min = -1, max = 1, nominal = 0.1) = 0 "Share of u_n near u = -2/3 u_n";

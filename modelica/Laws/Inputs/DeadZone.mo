@@ -1,5 +1,5 @@
 within Laws.Inputs;
-model DeadZone "Actuator that does not answer small inputs"
+model DeadZone "An actuator that does not answer small inputs"
   extends Laws.Interfaces.InputLaw;
   parameter Real u_d(min = 0, max = 0.9 * u_n, nominal = 0.1 * u_n) = 0 "Half width of the dead zone";
 protected

@@ -1,5 +1,5 @@
 within Laws.Inputs;
-model DeadZoneBySide "Actuator that does not answer small inputs, differently on either side"
+model DeadZoneBySide "An actuator that does not answer small inputs, differently on either side"
   extends Laws.Interfaces.InputLaw;
   parameter Real u_d(min = 0, max = 0.9 * u_n, nominal = 0.1 * u_n) = 0 "Half width of the dead zone";
   parameter Real a(min = -1.2, max = 1.2, nominal = 0.2) = 0 "Share by which it is wider above and narrower below";

@@ -1,5 +1,5 @@
 within Laws.Inputs;
-model Delay "Actuator that answers after a delay"
+model Delay "An actuator that answers after a delay"
   extends Laws.Interfaces.InputLaw;
   parameter Real T_d(min = 0, max = 10 * t_n, nominal = 0.1 * t_n) = 0 "Delay";
   Real z(nominal = u_n) "Input after four lags";

@@ -1,5 +1,5 @@
 within Laws.Inputs;
-model Gain "Input whose effect is stronger or weaker than stated"
+model Gain "An input whose effect is stronger or weaker than stated"
   extends Laws.Interfaces.InputLaw;
   parameter Real g(min = -0.95, max = 9, nominal = 0.1) = 0 "Relative error of the gain";
 equation

@@ -1,5 +1,5 @@
 within Laws.Inputs;
-model Hysteresis "Actuator with play, or a part of it"
+model Hysteresis "An actuator with play, or a part of it"
   extends Laws.Interfaces.InputLaw;
   parameter Real s_p(min = 0, max = 1, nominal = 0.5) = 0 "Share of the input that goes through the play";
   parameter Real u_p(min = 0.02 * u_n, max = u_n, nominal = 0.3 * u_n) = 0.3 * u_n "Half width of the play";

@@ -1,5 +1,5 @@
 within Laws.Inputs;
-model Lag "Actuator that follows its input late"
+model Lag "An actuator that follows its input late"
   extends Laws.Interfaces.InputLaw;
   parameter Real T_l(min = 0, max = 10 * t_n, nominal = 0.1 * t_n) = 0 "Time constant";
   parameter Real start_z(min = -10 * u_n, max = 10 * u_n, nominal = u_n) = 0 "Where it is at the start, beyond the input there";

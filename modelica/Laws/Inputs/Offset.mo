@@ -1,5 +1,5 @@
 within Laws.Inputs;
-model Offset "Input that is off by a constant"
+model Offset "An input that is off by a constant"
   extends Laws.Interfaces.InputLaw;
   parameter Real b(min = -10 * u_n, max = 10 * u_n, nominal = 0.1 * u_n) = 0 "Offset of the input";
 equation

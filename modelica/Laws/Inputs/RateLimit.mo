@@ -1,5 +1,5 @@
 within Laws.Inputs;
-model RateLimit "Actuator that changes only so fast"
+model RateLimit "An actuator that changes only so fast"
   extends Laws.Interfaces.InputLaw;
   parameter Real r(min = 0, max = 100 * t_n / (w_n * u_n), nominal = t_n / (w_n * u_n)) = 0 "Inverse of the largest rate of change";
   parameter Real start_z(min = -10 * u_n, max = 10 * u_n, nominal = u_n) = 0 "Where it is at the start, beyond the input there";

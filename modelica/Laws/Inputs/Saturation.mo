@@ -1,5 +1,5 @@
 within Laws.Inputs;
-model Saturation "Actuator whose output is limited"
+model Saturation "An actuator whose output is limited"
   extends Laws.Interfaces.InputLaw;
   parameter Real s(min = 0, max = 10 / u_n, nominal = 1.25 / u_n) = 0 "Inverse of the limit";
 protected

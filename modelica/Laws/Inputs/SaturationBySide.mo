@@ -1,5 +1,5 @@
 within Laws.Inputs;
-model SaturationBySide "Actuator whose output is limited differently on either side"
+model SaturationBySide "An actuator whose output is limited differently on either side"
   extends Laws.Interfaces.InputLaw;
   parameter Real s(min = 0, max = 10 / u_n, nominal = 1.25 / u_n) = 0 "Inverse of the limit, mean of both sides";
   parameter Real a(min = -1.2, max = 1.2, nominal = 0.2) = 0 "Share by which the inverse is more for positive inputs and less for negative ones";

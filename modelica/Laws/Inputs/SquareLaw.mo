@@ -1,5 +1,5 @@
 within Laws.Inputs;
-model SquareLaw "Actuator that acts by the square of its input"
+model SquareLaw "An actuator that acts by the square of its input"
   extends Laws.Interfaces.InputLaw;
   parameter Real a(min = -0.5, max = 1.5, nominal = 0.5) = 0 "Share of the square law";
 equation

@@ -1,5 +1,5 @@
 within Laws.Motion;
-model AttachedMass "Mass or inertia that hangs on a spring and a damper"
+model AttachedMass "A mass or inertia that hangs on a spring and a damper"
   extends Laws.Interfaces.MotionLaw;
   parameter Real m_a(min = 0, max = 100 * f_n * t_n / v_n, nominal = 0.3 * f_n * t_n / v_n) = 0 "Attached mass or inertia";
   parameter Real w_a(min = 0.03 / t_n, max = 30 / t_n, nominal = 1 / t_n) = 1 / t_n "Angular frequency at which it swings while the body is held";

@@ -1,5 +1,5 @@
 within Laws.Motion;
-model Curve "Force that depends on the speed in an unlisted way"
+model Curve "A force that depends on the speed in an unlisted way"
   extends Laws.Interfaces.MotionLaw;
   parameter Real c_1(min = -10 * f_n, max = 10 * f_n, nominal = 0.1 * f_n) = 0 "Force near v = -v_n";
   parameter Real c_2(min = -10 * f_n, max = 10 * f_n, nominal = 0.1 * f_n) = 0 "Force near v = -2/3 v_n";

@@ -1,5 +1,5 @@
 within Laws.Motion;
-model FinePositionCurve "Force that ripples over the displacement in an unlisted way"
+model FinePositionCurve "A force that ripples over the displacement in an unlisted way"
   extends Laws.Interfaces.MotionLaw;
   parameter Real c_1(min = -10 * f_n, max = 10 * f_n, nominal = 0.1 * f_n) = 0 "Force near x = -x_n";
   parameter Real c_2(min = -10 * f_n, max = 10 * f_n, nominal = 0.1 * f_n) = 0 "Force near x = -11/12 x_n";

@@ -1,5 +1,5 @@
 within Laws.Motion;
-model HystereticSpring "Spring whose force depends on where it came from"
+model HystereticSpring "A spring whose force depends on where it came from"
   extends Laws.Interfaces.MotionLaw;
   parameter Real k_h(min = 0, max = 10 * f_n / x_n, nominal = 0.3 * f_n / x_n) = 0 "Stiffness where the motion turns";
   parameter Real x_h(min = 1e-3 * x_n, max = 10 * x_n, nominal = 0.5 * x_n) = 0.5 * x_n "Displacement over which it yields";

@@ -1,5 +1,5 @@
 within Laws.Motion;
-model LinearStiffness "Spring"
+model LinearStiffness "A spring"
   extends Laws.Interfaces.MotionLaw;
   parameter Real k(min = -10 * f_n / x_n, max = 10 * f_n / x_n, nominal = 0.1 * f_n / x_n) = 0 "Stiffness";
 equation

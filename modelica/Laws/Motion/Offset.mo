@@ -1,5 +1,5 @@
 within Laws.Motion;
-model Offset "Constant force"
+model Offset "A constant force"
   extends Laws.Interfaces.MotionLaw;
   parameter Real F_0(min = -10 * f_n, max = 10 * f_n, nominal = 0.1 * f_n) = 0 "Force against the positive direction";
 equation

@@ -1,5 +1,5 @@
 within Laws.Motion;
-model PositionCurve "Force that depends on the displacement in an unlisted way"
+model PositionCurve "A force that depends on the displacement in an unlisted way"
   extends Laws.Interfaces.MotionLaw;
   parameter Real c_1(min = -10 * f_n, max = 10 * f_n, nominal = 0.1 * f_n) = 0 "Force near x = -x_n";
   parameter Real c_2(min = -10 * f_n, max = 10 * f_n, nominal = 0.1 * f_n) = 0 "Force near x = -3/4 x_n";

@@ -1,5 +1,5 @@
 within Laws.Motion;
-model Unbalance "Weight out of the axis of a rotation"
+model Unbalance "A weight out of the axis of a rotation"
   extends Laws.Interfaces.MotionLaw(x(unit = "rad"));
   parameter Real M_g(min = -10 * f_n, max = 10 * f_n, nominal = 0.1 * f_n) = 0 "Greatest torque of the weight";
   parameter Real phi_g(min = -1.8, max = 1.8, nominal = 0.6, unit = "rad") = 0 "How far past its place of rest the angle's zero is";

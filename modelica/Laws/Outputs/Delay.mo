@@ -1,5 +1,5 @@
 within Laws.Outputs;
-model Delay "Reading that comes late"
+model Delay "A reading that comes late"
   extends Laws.Interfaces.OutputLaw;
   parameter Real T_d(min = 0, max = 10 * t_n, nominal = 0.1 * t_n) = 0 "Delay";
   Real q(start = 0, fixed = true, nominal = u_n) "Filtered rate of change in units of its time";

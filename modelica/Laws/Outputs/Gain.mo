@@ -1,5 +1,5 @@
 within Laws.Outputs;
-model Gain "Reading that is too large or too small by a factor"
+model Gain "A reading that is too large or too small by a factor"
   extends Laws.Interfaces.OutputLaw;
   parameter Real g(min = -0.95, max = 9, nominal = 0.1) = 0 "Relative error of the gain";
 equation

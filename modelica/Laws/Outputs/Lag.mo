@@ -1,5 +1,5 @@
 within Laws.Outputs;
-model Lag "Reading that follows as a first-order lag"
+model Lag "A reading that follows as a first-order lag"
   extends Laws.Interfaces.OutputLaw;
   parameter Real T_l(min = 0, max = 10 * t_n, nominal = 0.1 * t_n) = 0 "Time constant";
   Real q(start = 0, fixed = true, nominal = u_n) "Rate of change of the reading in units of its time";

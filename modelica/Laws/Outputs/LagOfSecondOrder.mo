@@ -1,5 +1,5 @@
 within Laws.Outputs;
-model LagOfSecondOrder "Reading that follows late and may overshoot"
+model LagOfSecondOrder "A reading that follows late and may overshoot"
   extends Laws.Interfaces.OutputLaw;
   parameter Real T_l(min = 0, max = 10 * t_n, nominal = 0.1 * t_n) = 0 "Inverse of the angular frequency";
   parameter Real d_l(min = 0.05, max = 5, nominal = 0.7) = 0.7 "Damping ratio";

@@ -1,5 +1,5 @@
 within Laws.Outputs;
-model Offset "Reading that is off by a constant"
+model Offset "A reading that is off by a constant"
   extends Laws.Interfaces.OutputLaw;
   parameter Real b(min = -10 * u_n, max = 10 * u_n, nominal = 0.1 * u_n) = 0 "Offset of the reading";
 equation

@@ -1,5 +1,5 @@
 within Laws.Outputs;
-model Saturation "Reading that ends at the instrument's range"
+model Saturation "A reading that ends at the instrument's range"
   extends Laws.Interfaces.OutputLaw;
   parameter Real s(min = 0, max = 10 / u_n, nominal = 1.25 / u_n) = 0 "Inverse of the largest reading";
 protected

@@ -1,5 +1,5 @@
 within Laws.Outputs;
-model SaturationBySide "Reading that ends at the instrument's range, differently on either side"
+model SaturationBySide "A reading that ends at the instrument's range, differently on either side"
   extends Laws.Interfaces.OutputLaw;
   parameter Real s(min = 0, max = 10 / u_n, nominal = 1.25 / u_n) = 0 "Inverse of the largest reading, mean of both sides";
   parameter Real a(min = -1.2, max = 1.2, nominal = 0.2) = 0 "Share by which the inverse is more for positive readings and less for negative ones";

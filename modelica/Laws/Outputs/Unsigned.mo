@@ -1,5 +1,5 @@
 within Laws.Outputs;
-model Unsigned "Reading that does not tell the sign"
+model Unsigned "A reading that does not tell the sign"
   extends Laws.Interfaces.OutputLaw;
   parameter Real r(min = 0, max = 2, nominal = 1) = 0 "Share of what is below zero that is read as above it";
 protected

@@ -1,5 +1,5 @@
 within Laws.Readings;
-model Delay "Reading that comes late"
+model Delay "A reading that comes late"
   extends Laws.Interfaces.ReadingLaw;
   parameter Real T_d(min = 0, max = 10 * t_n, nominal = 0.1 * t_n) = 0 "Delay";
   Real z(nominal = u_n) "Quantity after four lags";

@@ -1,5 +1,5 @@
 within Laws.Readings;
-model Lag "Reading that follows as a first-order lag"
+model Lag "A reading that follows as a first-order lag"
   extends Laws.Interfaces.ReadingLaw;
   parameter Real T_l(min = 0, max = 10 * t_n, nominal = 0.1 * t_n) = 0 "Time constant";
   Real z(nominal = u_n) "Quantity after the lag";

@@ -1,5 +1,5 @@
 within Laws.Storage;
-model Curve "Flow that depends on the level in an unlisted way"
+model Curve "A flow that depends on the level in an unlisted way"
   extends Laws.Interfaces.StorageLaw;
   parameter Real c_1(min = -10 * q_n, max = 10 * q_n, nominal = 0.1 * q_n) = 0 "Flow near h = h_0 - h_n";
   parameter Real c_2(min = -10 * q_n, max = 10 * q_n, nominal = 0.1 * q_n) = 0 "Flow near h = h_0 - 3/4 h_n";

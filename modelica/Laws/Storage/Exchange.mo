@@ -1,5 +1,5 @@
 within Laws.Storage;
-model Exchange "Flow between two storages by their difference"
+model Exchange "A flow between two storages by their difference"
   extends Laws.Interfaces.ExchangeLaw;
   parameter Real k(min = 0, max = 10 * q_n / d_n, nominal = 0.1 * q_n / d_n) = 0 "Flow for each unit of difference";
 equation

@@ -1,5 +1,5 @@
 within Laws.Storage;
-model Offset "Constant loss"
+model Offset "A constant loss"
   extends Laws.Interfaces.StorageLaw;
   parameter Real q_0(min = -10 * q_n, max = 10 * q_n, nominal = 0.1 * q_n) = 0 "Loss whatever the level";
 equation

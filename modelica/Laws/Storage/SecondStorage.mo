@@ -1,5 +1,5 @@
 within Laws.Storage;
-model SecondStorage "Second storage behind a conductance"
+model SecondStorage "A second storage behind a conductance"
   extends Laws.Interfaces.StorageLaw;
   parameter Real k_2(min = 0, max = 100 * q_n / h_n, nominal = 0.3 * q_n / h_n) = 0 "Flow into the second storage for each unit of difference";
   parameter Real T_2(min = 0.1 * t_n, max = 1000 * t_n, nominal = 3 * t_n) = 3 * t_n "Time constant of the second storage, its capacity over the conductance";

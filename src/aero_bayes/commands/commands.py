@@ -343,7 +343,7 @@ def write_folder(found: Fit | Posterior | LoopResult, folder: Path) -> Path:
     config = Config(model=ModelSection(sources=source.files, libraries=source.libraries))
     job = Job(
         RunOptions(folder), config, source.name, model.source is not None, model, calibration.data.recordings, (),
-        calibration.parameters, dict(calibration.simulated.fixed),
+        calibration.parameters, dict(calibration.fixed),
     )  # fmt: skip
     folder.mkdir(parents=True, exist_ok=True)
     if isinstance(found, LoopResult):

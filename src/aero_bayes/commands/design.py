@@ -19,9 +19,16 @@ from aero_bayes.config import load_config
 from aero_bayes.errors import InputError
 from aero_bayes.estimate.fit import fit
 from aero_bayes.estimate.information import Limits
-from aero_bayes.estimate.propose import Design, ProposedInput, default_limits, propose_experiment
+from aero_bayes.estimate.propose import (
+    Design,
+    Proposal,
+    Separation,
+    default_limits,
+    expected_outputs,
+    propose_experiment,
+    separating_experiment,
+)
 from aero_bayes.estimate.result import Fit
-from aero_bayes.estimate.separation import Separation, expected_outputs, separating_experiment
 from aero_bayes.estimate.signal_search import SearchSettings
 from aero_bayes.plain import plain
 from aero_bayes.progress import ProgressBar
@@ -59,15 +66,30 @@ def run_design(files: Sequence[Path], options: RunOptions, wanted: DesignOptions
     """Fit, propose the experiment, and write signal, result and page."""
     began = time.perf_counter()
     Limits(1.0 if wanted.amplifier is None else wanted.amplifier, dict(wanted.travel or {}))
-    _check_effects(wanted, options)
+    _check_rivals(wanted, options)
     job = open_job(files, options)
     _check_request(job, wanted)
     with resumable(job, "design") as checkpoint:
         with ProgressBar(options.quiet) as progress:
             base = fit_job(job, progress, checkpoint)
-            limits = _limits(base, wanted)
-            propose = _narrow if wanted.separate is None else _separate
-            part, plan, signal = propose(job, base, limits, wanted, progress)
+            usual = default_limits(base)
+            given: Json = {
+                "duration": wanted.duration,
+                "rate_hz": wanted.rate_hz,
+                "limits": Limits(wanted.amplifier or usual.amplifier, {**usual.travel, **(wanted.travel or {})}),
+                "settings": SearchSettings(seed=options.seed, engine=job.engine),
+                "workers": options.workers,
+                "progress": progress,
+            }
+            signal: Proposal
+            if wanted.separate is None:
+                signal = design = propose_experiment(base, targets=wanted.aim or None, **given)
+                part: Json = {"design": plain(design) | {"kind": "narrow"}, "verdict": _narrow_verdict(design)}
+                models = {"expected": base}
+            else:
+                signal, models, part = _separate(job, base, wanted.separate, given)
+            plan = _plan(signal, models, given)
+        part["design"] |= {"file": SIGNAL_FILE, "unit": base.calibration.model.units[signal.input]}
         result, series = fit_part(job, base)
         signal.write_csv(options.out / SIGNAL_FILE)
         closing: Json = {"command": "design", "seconds": time.perf_counter() - began}
@@ -76,47 +98,22 @@ def run_design(files: Sequence[Path], options: RunOptions, wanted: DesignOptions
         click.echo(f"wrote {options.out / SIGNAL_FILE}, {options.out / 'result.json'} and {page}")
 
 
-def _narrow(
-    job: Job, base: Fit, limits: Limits, wanted: DesignOptions, progress: ProgressBar
-) -> tuple[Json, Series, ProposedInput]:
-    """Return the experiment for parameters."""
-    design = propose_experiment(
-        base, duration=wanted.duration, rate_hz=wanted.rate_hz, limits=limits, targets=wanted.aim or None,
-        settings=_effort(job), workers=job.options.workers, progress=progress,
-    )  # fmt: skip
-    found = plain(design) | {"kind": "narrow", "file": SIGNAL_FILE}
-    return {"design": found, "verdict": _narrow_verdict(design)}, _plan(design, {"expected": base}, job), design
-
-
-def _effort(job: Job) -> SearchSettings:
-    return SearchSettings(seed=job.options.seed, engine=job.engine)
-
-
-def _separate(
-    job: Job, base: Fit, limits: Limits, wanted: DesignOptions, progress: ProgressBar
-) -> tuple[Json, Series, ProposedInput]:
-    """Return the experiment for two effects."""
-    assert wanted.separate is not None
-    section, ids = job.config.model, wanted.separate
-    folder, narrowed = job.options.out / "fmu", CandidateFilter(effects=ids)
+def _separate(job: Job, base: Fit, ids: tuple[str, str], given: Json) -> tuple[Separation, dict[str, Fit], Json]:
+    """Return the experiment for two effects, the models with each, and what result.json has of them."""
+    section, folder, narrowed = job.config.model, job.options.out / "fmu", CandidateFilter(effects=ids)
     family = ModelicaFamily(LawPlaces(job.name, section.sources, section.libraries, narrowed), folder)
     family.prepare(base.calibration, base.optimum, open_simulator)
-    (first, of_first), (second, of_second) = (_with_effect(job, base, family, id_, progress) for id_ in ids)
-    apart = separating_experiment(
-        first, second, duration=wanted.duration, rate_hz=wanted.rate_hz, limits=limits, settings=_effort(job),
-        workers=job.options.workers, progress=progress,
-    )  # fmt: skip
+    (first, own), (second, others) = (_with_effect(job, base, family, name, given["progress"]) for name in ids)
+    apart = separating_experiment(first, second, **given)
     found = plain(apart) | {
         "kind": "separate",
-        "file": SIGNAL_FILE,
-        "unit": base.calibration.model.units[apart.input],
         "effects": list(ids),
         "log_posterior_now": [first.log_posterior, second.log_posterior],
-        "models": [_effect_entry(ids[0], first, of_first), _effect_entry(ids[1], second, of_second)],
+        "models": [_effect_entry(ids[0], first, own), _effect_entry(ids[1], second, others)],
     }
-    plan = _plan(apart, dict(zip(ids, (first, second), strict=True)), job)
     words = {id_: family.describe(id_) for id_ in ids}
-    return {"design": found, "verdict": _separate_verdict(ids, apart), "words": words}, plan, apart
+    part: Json = {"design": found, "verdict": _separate_verdict(ids, apart), "words": words}
+    return apart, {ids[0]: first, ids[1]: second}, part
 
 
 def _effect_entry(name: str, found: Fit, names: Sequence[str]) -> Json:
@@ -156,20 +153,18 @@ def _with_effect(
     return max(found, key=lambda candidate: candidate.log_posterior), [here[n] for n in own]
 
 
-def _plan(proposal: Design | Separation, models: Mapping[str, Fit], job: Job) -> Series:
+def _plan(proposal: Proposal, models: Mapping[str, Fit], given: Json) -> Series:
     """Return ``plan/...``: the signal and the prediction of each model."""
     series: Series = {"plan/time": proposal.time, f"plan/input/{proposal.input}": proposal.values}
     for label, found in models.items():
-        seen = expected_outputs(proposal, found, seed=job.options.seed, engine=job.engine, workers=job.options.workers)
-        for output, (low, middle, high) in seen.items():
-            series[f"plan/middle/{label}/{output}"] = middle
-            series[f"plan/lower/{label}/{output}"] = low
-            series[f"plan/upper/{label}/{output}"] = high
+        for output, band in expected_outputs(proposal, found, given["settings"], given["workers"]).items():
+            for part, values in zip(("lower", "middle", "upper"), band, strict=True):
+                series[f"plan/{part}/{label}/{output}"] = values
     return series
 
 
-def _check_effects(wanted: DesignOptions, options: RunOptions) -> None:
-    """Check the effects to tell apart, if any, before the model is built."""
+def _check_rivals(wanted: DesignOptions, options: RunOptions) -> None:
+    """Check the effects to tell apart, if any."""
     if wanted.separate is None:
         return
     if wanted.aim:
@@ -204,11 +199,6 @@ def _check_request(job: Job, wanted: DesignOptions) -> None:
     rate = wanted.rate_hz or job.recordings[0].rate_hz
     if not wanted.duration * rate >= 10.0:
         raise InputError(f"an experiment of {wanted.duration:g} s at {rate:g} Hz has fewer than ten samples")
-
-
-def _limits(base: Fit, wanted: DesignOptions) -> Limits:
-    usual = default_limits(base)
-    return Limits(wanted.amplifier or usual.amplifier, {**usual.travel, **(wanted.travel or {})})
 
 
 def _narrow_verdict(design: Design) -> Json:

@@ -6,7 +6,7 @@ import json
 import os
 import re
 import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence, Set
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -25,9 +25,9 @@ from aero_bayes.estimate.initial_states import CalibrationSettings, state_of
 from aero_bayes.estimate.objective import Objective
 from aero_bayes.estimate.parameters import ParameterSet, parameters_from_model
 from aero_bayes.files import write_whole
-from aero_bayes.modelica.classes import OwnClasses
+from aero_bayes.modelica.class_reader import build_tree, read_library
 from aero_bayes.modelica.embedded import explicit_model
-from aero_bayes.modelica.sources import main_class, read_classes_of
+from aero_bayes.modelica.sources import main_class, modelica_files
 from aero_bayes.modelica.tokens import without_indices
 from aero_bayes.modelica.units import TEMPERATURES, base_units, conversion, to_modelica_unit
 from aero_bayes.simulation.engines import open_simulator
@@ -83,11 +83,11 @@ def run_init(source: Path, data: Path, out: Path, *, model: str | None = None, l
         left = tuple(s for s in matched.signals_left if s != "time"), matched.columns_left
         matched = ColumnMatch(matched.columns, left[0], tuple(c for c in left[1] if c not in clocks.values()))
     head = _head(name, [source, *libraries], out, built, data, matched)
-    own = OwnClasses(() if is_fmu else read_classes_of(source), name)
+    own = _own_parameters(built, name, [] if is_fmu else modelica_files([source]))
     later = frozenset[str]() if is_fmu else _compared(name, source, libraries)
     # the user's own first, and values before break points: of two that the outputs cannot tell apart, the first is free
     ordered = sorted(
-        built.parameters, key=lambda v: (not own.sets(v.name), without_indices(v.name) in later, "." in v.name)
+        built.parameters, key=lambda v: (v.name not in own, without_indices(v.name) in later, "." in v.name)
     )
     text = head + _parameter_lines(ordered, _reasons(built, ordered, own, head, data))
     Config.model_validate(tomllib.loads(text))
@@ -97,6 +97,13 @@ def run_init(source: Path, data: Path, out: Path, *, model: str | None = None, l
         click.echo(f"note: {without}", err=True)
     for signal in matched.signals_left:
         click.echo(f"no column of {data.name} matches {signal}; name one in {out}")
+
+
+def _own_parameters(model: Model, name: str, files: Iterable[Path]) -> set[str]:
+    """Parameters that the user's own sources declare or set, not a library; all of a model that is not in these."""
+    library = read_library(files)
+    tree = build_tree(library, name) if name in library else None
+    return {v.name for v in model.parameters if tree is None or tree.sets(v.name)}
 
 
 def _compared(name: str, source: Path, libraries: Sequence[Path]) -> frozenset[str]:
@@ -250,12 +257,11 @@ def _usual(v: Variable) -> float:
     return v.start or (ROOM_TEMPERATURE if v.unit == "K" else 0.0)
 
 
-def _reasons(model: Model, ordered: Sequence[Variable], own: OwnClasses, head: str, data: Path) -> dict[str, str]:
+def _reasons(model: Model, ordered: Sequence[Variable], own: Set[str], head: str, data: Path) -> dict[str, str]:
     """Say why a parameter is not free, by name; empty for those that are."""
     tunable, reasons = [], {}
-    some = any(own.sets(v.name) for v in ordered)
     for v in ordered:
-        if some and not own.sets(v.name):
+        if own and v.name not in own:
             reasons[v.name] = "a library default that the model does not change"
             continue
         try:

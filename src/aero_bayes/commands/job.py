@@ -14,12 +14,11 @@ from aero_bayes.data.read import read_recordings
 from aero_bayes.data.recording import Recording
 from aero_bayes.declared import PackageDeclaration
 from aero_bayes.errors import InputError
+from aero_bayes.estimate.calibrated_model import ListedValue, combinations
 from aero_bayes.estimate.fit import declared_overrides
 from aero_bayes.estimate.fittable import no_parameter_text
 from aero_bayes.estimate.initial_states import check_plausible, screened
-from aero_bayes.estimate.joint_prior import with_joint_prior
-from aero_bayes.estimate.listed_values import ListedValue, combinations
-from aero_bayes.estimate.parameters import Override, ParameterSet, parameters_from_model
+from aero_bayes.estimate.parameters import Override, ParameterSet, parameters_from_model, with_joint_prior
 from aero_bayes.estimate.priors import LogNormal, LogUniform, Normal, Prior, Uniform
 from aero_bayes.files import one_run_at_a_time, write_whole
 from aero_bayes.modelica.library import declaration_of

@@ -32,7 +32,7 @@ from aero_bayes.loop.search import Control, Library, Search
 from aero_bayes.modelica.compose import add_parameter, equate
 from aero_bayes.modelica.embedded import export_flat
 from aero_bayes.modelica.flat import FlatModel
-from aero_bayes.modelica.library_view import path_in_library
+from aero_bayes.modelica.library import path_in_library
 from aero_bayes.modelica.syntax import Call, Expression, Name, Number
 from aero_bayes.parallel import ParallelMap
 from aero_bayes.progress import ProgressBar
@@ -41,13 +41,13 @@ from aero_bayes.simulation.interface import ParameterTarget
 from aero_bayes.simulation.model import Model
 from aero_bayes.simulation.workers import WorkerPool
 from aero_bayes.structure.balance import Port, PortKind, port_table, signal_expression
+from aero_bayes.structure.candidates import describe_law, identifier
 from aero_bayes.structure.compose import with_probes
-from aero_bayes.structure.fmu_family import FmuPlaces
+from aero_bayes.structure.fmu_ports import FmuPlaces
 from aero_bayes.structure.law import SIGNAL_DEFAULTS
 from aero_bayes.structure.law_places import LawPlaces
 from aero_bayes.structure.modelica_family import ModelicaFamily
 from aero_bayes.structure.nominal_values import NOMINAL_QUANTILE, port_nominals
-from aero_bayes.structure.placed_law import describe_law, identifier
 
 PortRow = dict[str, Any]
 
@@ -170,7 +170,7 @@ def _port_responses(family: ModelicaFamily, found: Fit) -> tuple[dict[str, float
         objective = Objective(calibration, simulator)
         run = objective.evaluate(at, [*free, *range(own, own + len(probes))])
         if run is None:
-            raise InputError(f"{family.base}: cannot be simulated with probes at its ports")
+            raise InputError(f"{family.places.base}: cannot be simulated with probes at its ports")
         assert run.slopes is not None
         late, whose = _delay_responses(objective, run.predicted, ports, sizes)
         slopes = tuple(np.concatenate(rows) for rows in zip(run.slopes, late, strict=True))

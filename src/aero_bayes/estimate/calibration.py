@@ -38,7 +38,7 @@ from aero_bayes.simulation.interface import (
     StartTarget,
 )
 from aero_bayes.simulation.model import Model
-from aero_bayes.simulation.start_parameters import start_parameters as parameters_that_start_states
+from aero_bayes.simulation.probed_facts import start_parameters as parameters_that_start_states
 
 
 def with_started_states(parameters: ParameterSet, model: Model) -> ParameterSet:
@@ -111,64 +111,30 @@ def _start(p: Parameter, model: Model, recording: Recording) -> float:
     return float(np.clip(readings[0], p.lower, p.upper)) if readings else p.start
 
 
-def largest_delay(
-    recordings: Sequence[Recording], model: Model, settings: CalibrationSettings
-) -> float | Mapping[str, float]:
-    """Return the largest delay of the inputs in s, or of each; also check that the model has the recordings' inputs."""
-    declared = model.declared.recording.max_input_delay
-    limit = declared if settings.max_input_delay is None else settings.max_input_delay
-    if settings.delay == "free" and not limit:
-        raise InputError(f"model {model.name} declares no input delay: give its max_input_delay")
-    driven = {variable.name for variable in model.inputs}
-    for recording in recordings:
-        missing = [name for name in recording.inputs if name not in driven]
-        if missing:
-            raise InputError(f"{recording.name}: model {model.name} has no input {missing[0]}")
-    if isinstance(limit, Mapping):
-        check_inputs(recordings, limit, "delay")
-    return limit
-
-
-def nuisance_parameters(
-    experiments: Sequence[Experiment],
-    starts: Sequence[Sequence[Parameter]],
-    recordings: Sequence[Recording],
-    limit: float | Mapping[str, float],
-    policy: DelayPolicy,
+def _delays(
+    experiments: Sequence[Experiment], recordings: Sequence[Recording], model: Model, settings: CalibrationSettings
 ) -> list[Parameter]:
-    """List initial values and delay of each recording in turn, or the delays of single inputs at the end."""
-    nuisances: list[Parameter] = []
-    for index, (experiment, own) in enumerate(zip(experiments, starts, strict=True)):
-        nuisances += own
-        if not isinstance(limit, Mapping) and limit and _delay_wanted([experiment], policy, limit):
-            nuisances.append(_delay(limit, index, recording_suffix(recordings, index)))
-    return nuisances + (_delays(experiments, limit, policy) if isinstance(limit, Mapping) else [])
+    """List the delays that are searched: of all inputs by one time in each recording, or of single ones in all."""
+    declared, policy = model.declared.recording.max_input_delay, settings.delay
+    limit = declared if settings.max_input_delay is None else settings.max_input_delay
+    if policy == "free" and not limit:
+        raise InputError(f"model {model.name} declares no input delay: give its max_input_delay")
+    if not isinstance(limit, Mapping):
+        wanted = [k for k, e in enumerate(experiments) if _delay_wanted([e], policy, limit)]
+        names = {k: f"input_delay{recording_suffix(recordings, k)}" for k in wanted}
+        return [_delay(name, limit, "delay of the input", DelayTarget(), k) for k, name in names.items()]
+    check_inputs(recordings, limit, "delay")
+    return [
+        _delay(f"{name}_delay", most, f"delay of {name}", DelayTarget(name))
+        for name, most in limit.items()
+        if _delay_wanted(experiments, policy, most, name)
+    ]
 
 
-def _delay(limit: float, index: int, suffix: str) -> Parameter:
-    return Parameter(
-        f"input_delay{suffix}", "s", 0.3 * limit, *_range(limit), Uniform(*_range(limit)), "linear",
-        "delay of the input", DelayTarget(), index,
-    )  # fmt: skip
-
-
-def _range(limit: float) -> tuple[float, float]:
-    """Return the range of a delay: below zero, the input acts before it is logged."""
-    return min(limit, 0.0), max(limit, 0.0)
-
-
-def input_delay(name: str, limit: float) -> Parameter:
-    """Return the delay of one input by up to ``limit`` s, the same in every recording: a dead time of the rig."""
-    prior, about = Uniform(*_range(limit)), f"delay of {name}"
-    return Parameter(f"{name}_delay", "s", 0.3 * limit, *_range(limit), prior, "linear", about, DelayTarget(name))
-
-
-def _delays(experiments: Sequence[Experiment], limits: Mapping[str, float], policy: DelayPolicy) -> list[Parameter]:
-    """List the delays of single inputs."""
-    wanted = {
-        name: limit for name, limit in limits.items() if limit and _delay_wanted(experiments, policy, limit, name)
-    }
-    return [input_delay(name, limit) for name, limit in wanted.items()]
+def _delay(name: str, limit: float, about: str, target: DelayTarget, recording: int | None = None) -> Parameter:
+    """Return a delay by up to ``limit`` s; below zero, the input acts before it is logged."""
+    low, high = min(limit, 0.0), max(limit, 0.0)
+    return Parameter(name, "s", 0.3 * limit, low, high, Uniform(low, high), "linear", about, target, recording)
 
 
 def check_inputs(recordings: Sequence[Recording], names: Iterable[str], of_what: str) -> None:
@@ -185,8 +151,8 @@ def _delay_wanted(
     """Return whether a delay of an input (of any by default) is searched: asked for, or seen in one of the experiments.
 
     An input may change before the first reading: an experiment that begins at rest has zero there."""
-    if policy != "auto":
-        return policy == "free"
+    if policy != "auto" or not limit:
+        return policy == "free" and limit != 0.0
     return any(
         len(e.time) > 1
         and np.median(np.diff(e.time)) <= 5.0 * abs(limit)
@@ -205,34 +171,22 @@ MAX_STEPS_PER_CHANGE = 60
 
 
 @dataclass(frozen=True)
-class SimulatedModel:
-    """A model and how it is simulated."""
+class Calibration:
+    """One fitting problem: what was measured, a model and how it is simulated, its parameters and the noise."""
 
+    data: MeasuredData
     model: Model
+    parameters: ParameterSet
+    noise: NoiseModel = field(default_factory=NoiseModel)
     fixed: Mapping[str, float] = field(default_factory=dict)
     solver: SolverSettings = field(default_factory=SolverSettings)
     process: ProcessNoise | None = None
 
-
-@dataclass(frozen=True)
-class Calibration:
-    """One fitting problem."""
-
-    data: MeasuredData
-    simulated: SimulatedModel
-    parameters: ParameterSet
-    noise: NoiseModel = field(default_factory=NoiseModel)
-
-    @property
-    def model(self) -> Model:
-        return self.simulated.model
-
     @cached_property
     def identity(self) -> str:
         """Hash of what makes the problem this one: model, data, parameters, noise, solver."""
-        run = self.simulated
         data = replace(self.data, recordings=())
-        return digest(run.model.sha256, data, run.fixed, run.solver, run.process, self.parameters, self.noise)
+        return digest(self.model.sha256, data, self.fixed, self.solver, self.process, self.parameters, self.noise)
 
     @property
     def known_noise(self) -> dict[str, OutputNoise]:
@@ -244,17 +198,17 @@ class Calibration:
 
     def problem(self) -> Problem:
         """Return what a simulator runs; the columns are ``parameters`` in order."""
-        run, experiments = self.simulated, self.data.experiments
+        experiments = self.data.experiments
         targets = tuple(
             tuple(p.target if p.acts_in(e) else None for p in self.parameters) for e in range(len(experiments))
         )
         changes = max((s.time.size for e in experiments for s in e.inputs), default=0)
-        if run.process is not None:
+        if self.process is not None:
             changes += max(e.time.size for e in experiments)
         # An engine starts anew wherever an input changes, and a filter at every reading.
-        steps = max(run.solver.max_steps, MAX_STEPS_PER_CHANGE * changes)
-        solver = replace(run.solver, max_steps=steps)
-        return Problem(run.model, experiments, targets, dict(run.fixed), solver, run.process)
+        steps = max(self.solver.max_steps, MAX_STEPS_PER_CHANGE * changes)
+        solver = replace(self.solver, max_steps=steps)
+        return Problem(self.model, experiments, targets, dict(self.fixed), solver, self.process)
 
     def with_process_noise(self, noise: NoiseModel) -> Calibration:
         """Return the same problem with process noise.
@@ -269,8 +223,8 @@ class Calibration:
         process, new = process_parameters(noise, self.model, experiments, self.data.floors)
         taken = {p.target for p in self.parameters}
         kept = [p for p in self.parameters if p not in starts] + [p for p in new if p.target not in taken]
-        data, simulated = self.data.with_experiments(experiments), replace(self.simulated, process=process)
-        return Calibration(data, simulated, ParameterSet(tuple(kept)), noise)
+        data, parameters = self.data.with_experiments(experiments), ParameterSet(tuple(kept))
+        return replace(self, data=data, parameters=parameters, noise=noise, process=process)
 
 
 def calibrate(
@@ -287,7 +241,6 @@ def calibrate(
     if not recordings:
         raise InputError("no recording was given")
     check_plausible(recordings, model)
-    limit = largest_delay(recordings, model, settings)
     outputs = _outputs(recordings, model, settings)
     if isinstance(settings.interpolation, Mapping):
         check_inputs(recordings, settings.interpolation, "interpolation")
@@ -295,47 +248,29 @@ def calibrate(
     floors: dict[str, float] = {}
     at_rest = model.declared.recording.zero_at_rest
     whole = [_experiment(recording, outputs, floors, settings, at_rest) for recording in recordings]
-    started = _with_starts(whole, recordings, model, settings, parameters)
-    nuisances = nuisance_parameters(whole, [starts for _, starts in started], recordings, limit, settings.delay)
+    given = {state for p in parameters for state in p.starts}
+    started = [
+        start_parameters(recording, e, model, settings, k, recording_suffix(recordings, k), given)
+        for k, (recording, e) in enumerate(zip(recordings, whole, strict=True))
+    ]
+    delays = _delays(whole, recordings, model, settings)
+    nuisances = [p for k, (_, own) in enumerate(started) for p in (*own, *(d for d in delays if d.recording == k))]
+    nuisances += [d for d in delays if d.recording is None]
     # What the caller searches as a parameter of his own is no nuisance beside it.
     taken = {(p.target, p.recording) for p in parameters}
     new = [n for n in nuisances if (n.target, None) not in taken and (n.target, n.recording) not in taken]
     data = MeasuredData(
-        tuple(replace(_thinned(e, settings), start=start) for e, (start, _) in zip(whole, started, strict=True)),
+        tuple(
+            replace(thin(e, settings.most_readings) if settings.most_readings else e, start=start)
+            for e, (start, _) in zip(whole, started, strict=True)
+        ),
         tuple(recording.name for recording in recordings),
         tuple(recordings),
         floors,
     )
     data = data.with_known_noise(noise) if noise.sd else data
-    simulated = SimulatedModel(model, dict(fixed or {}), settings.solver)
-    found = Calibration(data, simulated, parameters.extended(new), noise)
+    found = Calibration(data, model, parameters.extended(new), noise, dict(fixed or {}), settings.solver)
     return found.with_process_noise(noise) if noise.process else found
-
-
-def _with_starts(
-    experiments: Sequence[Experiment],
-    recordings: Sequence[Recording],
-    model: Model,
-    settings: CalibrationSettings,
-    parameters: ParameterSet,
-) -> list[tuple[Mapping[str, float], list[Parameter]]]:
-    """Return, for each recording, the values that states begin at, and the parameters of those that are estimated."""
-    resting = model.declared.recording.resting
-    may_start_at_rest = resting if settings.may_start_at_rest is None else settings.may_start_at_rest
-    given = {state for p in parameters for state in p.starts}
-    return [
-        start_parameters(
-            recording,
-            experiment,
-            model,
-            settings.initial_states,
-            may_start_at_rest,
-            index,
-            recording_suffix(recordings, index),
-            given,
-        )
-        for index, (recording, experiment) in enumerate(zip(recordings, experiments, strict=True))
-    ]
 
 
 def _outputs(recordings: Sequence[Recording], model: Model, settings: CalibrationSettings) -> tuple[str, ...]:
@@ -377,10 +312,6 @@ def _experiment(
     between = "hold" if settings.interpolation == "auto" else settings.interpolation
     base = to_experiment(recording, own, zero_at_rest=zero_at_rest, interpolation=between)
     return replace(base, outputs=outputs, measured=measured)
-
-
-def _thinned(experiment: Experiment, settings: CalibrationSettings) -> Experiment:
-    return experiment if settings.most_readings is None else thin(experiment, settings.most_readings)
 
 
 #: Steps of a candidate over those of the first model on the same recording. Dry friction needs about ten times as many.

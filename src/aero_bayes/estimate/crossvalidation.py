@@ -12,14 +12,13 @@ import numpy as np
 
 from aero_bayes.arrays import FloatArray
 from aero_bayes.errors import InputError
-from aero_bayes.estimate import cost as costs
 from aero_bayes.estimate.calibration import Calibration
 from aero_bayes.estimate.fit import fit_calibration
 from aero_bayes.estimate.levenberg_marquardt import FitSettings, levenberg_marquardt
 from aero_bayes.estimate.local_fit import OpenSimulator
 from aero_bayes.estimate.measured_data import MeasuredData
 from aero_bayes.estimate.parameters import ParameterSet
-from aero_bayes.estimate.result import Fit
+from aero_bayes.estimate.result import Fit, rms_by_output
 from aero_bayes.estimate.target import NoiseLayout, Target
 from aero_bayes.progress import Progress
 from aero_bayes.simulation.interface import DelayTarget
@@ -110,8 +109,8 @@ def _predict(fit: Fit, rest: Fit, alone: Calibration, index: int, open_simulator
         target = Target(alone, simulator, _values(alone, rest, mean[:split]), own)
         values = _with_own_values(target, layout.unpack(mean[None, split:])[0])
         predicted = simulator.simulate(values[None]).outputs[0][0]
-    error = costs.rms_overall([alone.data.measured[0] - predicted], fit.outputs)
-    own_fit = costs.rms_overall([fit.residuals[index]], fit.outputs)
+    error = rms_by_output([alone.data.measured[0] - predicted], fit.outputs)
+    own_fit = rms_by_output([fit.residuals[index]], fit.outputs)
     return LeftOutPrediction(alone.data.names[0], error, {o: own_fit[o] for o in error})
 
 

@@ -1,4 +1,4 @@
-"""A cheaper problem with nearly the same optimum: few samples, and few changes of the inputs."""
+"""Other local optima of delays; and a cheaper problem with nearly the same optimum: few samples and input changes."""
 
 from __future__ import annotations
 
@@ -9,12 +9,17 @@ import numpy as np
 
 from aero_bayes.arrays import FloatArray
 from aero_bayes.estimate.calibration import Calibration
-from aero_bayes.estimate.levenberg_marquardt import LocalResult, LocalSettings, QuadraticModel, levenberg_marquardt
+from aero_bayes.estimate.levenberg_marquardt import (
+    LocalResult,
+    LocalSettings,
+    QuadraticModel,
+    cost_shape,
+    levenberg_marquardt,
+)
 from aero_bayes.estimate.local_fit import Optimum
 from aero_bayes.estimate.measured_data import rows_of_first_readings, thin
 from aero_bayes.estimate.objective import Objective
 from aero_bayes.estimate.parameters import Parameter
-from aero_bayes.estimate.step_rule import cost_shape
 from aero_bayes.estimate.target import Target
 from aero_bayes.simulation.interface import DelayTarget, Experiment, InputSignal, Outcome, Simulator
 
@@ -32,21 +37,6 @@ SCAN_POINTS = 41
 def delay_columns(objective: Objective, free: Sequence[int]) -> list[int]:
     """Free columns that are delays."""
     return [j for j in free if isinstance(objective.parameters.items[j].target, DelayTarget)]
-
-
-def better_delays(objective: Objective, here: Optimum, free: Sequence[int], *, prior: bool) -> FloatArray | None:
-    """Search for a better local optimum of the delays than that of a fit."""
-    if not delay_columns(objective, free):
-        return None
-    values = objective.parameters.from_search(here.coordinates)
-    target = Target(objective.calibration, objective.simulator, values, free, prior=prior)
-    point, moved = search_delays(target, here.coordinates[list(free)], objective.noise_rows(here.noise))
-    objective.outcomes.update(target.outcomes)
-    if not moved:
-        return None
-    coordinates = here.coordinates.copy()
-    coordinates[list(free)] = point
-    return coordinates
 
 
 def scan_delays(objective: Objective, fit: Optimum, free: Sequence[int]) -> FloatArray:
@@ -81,20 +71,29 @@ MAX_STARTS = 6
 LOCAL = LocalSettings(tolerance=1e-2, iterations=20)
 
 
-def search_delays(target: Target, point: FloatArray, noise: FloatArray) -> tuple[FloatArray, bool]:
-    """Search the likeliest local optima of each delay in turn, with all parameters free."""
-    cost_function, (low, high) = target.cost_function(noise), target.box
-    intervals = target.calibration.data.intervals
-    shape = cost_shape(target.parameters, range(len(target.free)), intervals)
-    moved = False
+def better_delays(objective: Objective, here: Optimum, free: Sequence[int], *, prior: bool) -> FloatArray | None:
+    """Search the likeliest local optima of each delay in turn, with all parameters free; None if none is better."""
+    if not delay_columns(objective, free):
+        return None
+    calibration, noise = objective.calibration, objective.noise_rows(here.noise)
+    target = Target(
+        calibration, objective.simulator, calibration.parameters.from_search(here.coordinates), free, prior=prior
+    )
+    cost_function, (low, high), point = target.cost_function(noise), target.box, here.coordinates[list(free)]
+    shape, moved = cost_shape(target.parameters, range(len(free)), calibration.data.intervals), False
     for k, item in enumerate(target.parameters):
-        starts = _starts(target, point, noise, k, item, intervals)
+        starts = _starts(target, point, noise, k, item, calibration.data.intervals)
         found = [levenberg_marquardt(cost_function, start, low, high, LOCAL, shape=shape) for start in starts]
         scores = [laplace_log_evidence(f) for f in found]
         best = int(np.argmax(scores)) if scores else 0
         if best > 0 and scores[best] > scores[0] + MIN_LOG_EVIDENCE_GAIN:
             point, moved = found[best].point, True
-    return point, moved
+    objective.outcomes.update(target.outcomes)
+    if not moved:
+        return None
+    coordinates = here.coordinates.copy()
+    coordinates[list(free)] = point
+    return coordinates
 
 
 def _starts(
@@ -144,7 +143,8 @@ def with_few_samples(calibration: Calibration, simulator: Simulator, samples: in
     thinned = replace(calibration, data=data.thinned(samples))
     if max(s.time.size for e in data.experiments for s in e.inputs or (_CONSTANT_INPUT,)) <= 2 * samples:
         return thinned
-    averaged = replace(calibration, data=data.with_experiments(_averaged(e, samples) for e in thinned.data.experiments))
+    blocks = (replace(e, inputs=tuple(_blocks(s, samples) for s in e.inputs)) for e in thinned.data.experiments)
+    averaged = replace(calibration, data=data.with_experiments(blocks))
     if _close(calibration, simulator, averaged):
         return averaged
     changes = CHANGES_PER_SAMPLE * samples
@@ -155,16 +155,11 @@ def with_few_samples(calibration: Calibration, simulator: Simulator, samples: in
 def with_loose_solver(calibration: Calibration) -> Calibration:
     """Allow few solver steps and a loose tolerance, since models in the whole box may be very stiff."""
     samples = max(e.time.size for e in calibration.data.experiments)
-    simulated, steps = calibration.simulated, max(STEPS_PER_SAMPLE * samples, MIN_STEPS)
-    solver = replace(simulated.solver, max_steps=steps, relative_tolerance=LOOSE_TOLERANCE)
-    return replace(calibration, simulated=replace(simulated, solver=solver))
+    steps = max(STEPS_PER_SAMPLE * samples, MIN_STEPS)
+    return replace(calibration, solver=replace(calibration.solver, max_steps=steps, relative_tolerance=LOOSE_TOLERANCE))
 
 
 _CONSTANT_INPUT = InputSignal("", np.zeros(1), np.zeros(1))
-
-
-def _averaged(experiment: Experiment, samples: int) -> Experiment:
-    return replace(experiment, inputs=tuple(_blocks(signal, samples) for signal in experiment.inputs))
 
 
 def _blocks(signal: InputSignal, samples: int) -> InputSignal:

@@ -17,7 +17,6 @@ from aero_bayes.estimate.objective import Evaluation, Objective
 from aero_bayes.estimate.other_tools import structure_warnings
 from aero_bayes.estimate.parameters import ParameterSet
 from aero_bayes.estimate.result import Fit
-from aero_bayes.estimate.stage_report import stage_report
 from aero_bayes.estimate.step_parameters import settle_blind
 from aero_bayes.estimate.target import NoiseLayout
 from aero_bayes.simulation.interface import NORMAL_HALF_WIDTH, Outcome
@@ -177,7 +176,7 @@ def finished_fit(search: GlobalSearch, result: GlobalSearchResult, settings: Fit
         log_posterior=likelihood + float(part.log_prior(point[None, list(sampled)])[0]),
         fitted=fitted,
         residuals=tuple(y - f for y, f in zip(calibration.data.readings, fitted, strict=True)),
-        stages=tuple(stage_report(s, calibration.parameters, objective.series) for s in result.stages),
+        stages=result.stages,
         swarm=result.swarm,
         iterations=result.iterations,
         start_levels=result.start_levels,

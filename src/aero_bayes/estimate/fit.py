@@ -18,24 +18,23 @@ from aero_bayes.checkpoint import Checkpoint
 from aero_bayes.data.recording import Recording
 from aero_bayes.declared import DeclaredParameter
 from aero_bayes.errors import CannotFinishError, InputError
+from aero_bayes.estimate.calibrated_model import ValueCombination, combinations, compiled, split_values
 from aero_bayes.estimate.calibration import Calibration, calibrate
 from aero_bayes.estimate.finished_fit import finished_fit, with_identified
 from aero_bayes.estimate.global_search import GlobalSearch, GlobalSearchResult
 from aero_bayes.estimate.initial_states import screened
-from aero_bayes.estimate.interpolation import choose_interpolation
 from aero_bayes.estimate.levenberg_marquardt import FitSettings
-from aero_bayes.estimate.listed_values import ValueCombination, combinations, compiled, split_values
-from aero_bayes.estimate.local_fit import OpenSimulator
+from aero_bayes.estimate.local_fit import OpenSimulator, Optimum
 from aero_bayes.estimate.misread import with_misread_finding
 from aero_bayes.estimate.modes import Mode, find_modes, likelihood_temperature
 from aero_bayes.estimate.noise_estimation import describe_sensors, whiten
-from aero_bayes.estimate.noise_kinds import choose_spreads, is_correlated, refit_with_spread
 from aero_bayes.estimate.objective import objective_of
 from aero_bayes.estimate.other_tools import ValueTrial
-from aero_bayes.estimate.outliers import without_outliers
+from aero_bayes.estimate.outliers import choose_spreads, is_correlated, refit_with_spread, without_outliers
 from aero_bayes.estimate.parameters import ChosenParameters, Override, ParameterSet, chosen_parameters
 from aero_bayes.estimate.priors import LogNormal
 from aero_bayes.estimate.result import Fit
+from aero_bayes.estimate.simulate import choose_interpolation
 from aero_bayes.progress import Progress, Watched, watching
 from aero_bayes.simulation.interface import Outcome, Problem, Simulator
 from aero_bayes.simulation.model import Model
@@ -70,12 +69,12 @@ TIGHTER = 0.1
 def with_solver_difference(fit: Fit, open_simulator: OpenSimulator) -> Fit:
     """Simulate the optimum at a tenth of the problem's tolerances, and compare outputs and parameters with the fit."""
     calibration = fit.calibration
-    if calibration.simulated.process is not None:
+    if calibration.process is not None:
         return fit
-    usual = calibration.simulated.solver
+    usual = calibration.solver
     relative, absolute = TIGHTER * usual.relative_tolerance, TIGHTER * usual.absolute_tolerance
     solver = replace(usual, relative_tolerance=relative, absolute_tolerance=absolute)
-    exact = replace(calibration, simulated=replace(calibration.simulated, solver=solver))
+    exact = replace(calibration, solver=solver)
     moved = [np.zeros_like(y) for y in fit.fitted]
     with suppress(CannotFinishError), open_simulator(exact.problem()) as simulator:
         runs = simulator.simulate(fit.values[np.newaxis])
@@ -221,7 +220,7 @@ class _Request:
 
         # Outliers and kinds of noise belong to the likeliest values: all are compared on the same readings.
         found = _likeliest(self.candidates, fitted)
-        filtered = found.calibration.simulated.process is not None
+        filtered = found.calibration.process is not None
         if not filtered and not watched.asked_to_end:
             found = _without_outliers(found, opened, settings, watched, cache)
         if settings.cost == "posterior" and not filtered and not watched.asked_to_end:
@@ -233,7 +232,7 @@ class _Request:
         local, problem = replace(settings, method="local"), found.calibration
         return with_misread_finding(
             found,
-            lambda given: self.calibration(given, problem.model, problem.simulated.fixed),
+            lambda given: self.calibration(given, problem.model, problem.fixed),
             lambda other: fit_calibration(other, opened, local, np.random.default_rng(self.seed)),
             here,
         )
@@ -285,7 +284,8 @@ def _without_outliers(
             cleaned = replace(found.calibration, data=data)
             with opened(cleaned.problem()) as simulator:
                 objective = objective_of(cleaned, simulator, result_cache=cache)
-                found = _refit_from(found, GlobalSearch(objective, settings, progress), settings)
+                search, start = GlobalSearch(objective, settings, progress), cleaned.parameters.to_search(found.values)
+                found = _continued(found, search, search.refit(start, found.free, found.noise), settings)
         structured = {o for o in removed if found.noise[o].model_error or is_correlated(found.series, found.optimum, o)}
         if not structured:
             return found
@@ -310,35 +310,20 @@ def _with_noise_kinds(first: Fit, opened: OpenSimulator, settings: FitSettings, 
         found = refit_with_spread(GlobalSearch(objective, settings, progress), first.optimum, models)
         if found is None:
             return first
-        search, optimum = found
-        seconds = first.seconds + time.perf_counter() - began
-        refitted = finished_fit(
-            search, GlobalSearchResult(optimum, first.swarm, (), search.iterations), settings, seconds
-        )
-    return _continued(first, replace(refitted, sensors=first.sensors))
+        again = _continued(first, *found, settings)
+    return replace(again, seconds=first.seconds + time.perf_counter() - began, sensors=first.sensors)
 
 
-def _refit_from(first: Fit, search: GlobalSearch, settings: FitSettings) -> Fit:
-    """Fit readings without their outliers, from the optimum of the first fit."""
-    start = search.objective.parameters.to_search(first.values)
-    optimum = search.refit(start, first.free, first.noise)
-    refitted = finished_fit(
-        search, GlobalSearchResult(optimum, first.swarm, (), search.iterations), settings, first.seconds
-    )
-    return _continued(first, refitted)
-
-
-def _continued(first: Fit, refitted: Fit) -> Fit:
-    """Count the work of the first fit in a refit."""
-    outcomes = {o: refitted.outcomes.get(o, 0) + first.outcomes.get(o, 0) for o in Outcome}
+def _continued(first: Fit, search: GlobalSearch, optimum: Optimum, settings: FitSettings) -> Fit:
+    """Return the fit at the optimum of a refit, with the work of the first fit counted in."""
+    result = GlobalSearchResult(optimum, first.swarm, first.stages, search.iterations, first.start_levels)
+    again = finished_fit(search, result, settings, first.seconds)
     return replace(
-        refitted,
+        again,
         modes=first.modes,
-        start_levels=first.start_levels,
         trials=first.trials,
-        stages=first.stages,
-        iterations=first.iterations + refitted.iterations,
-        outcomes=outcomes,
+        iterations=first.iterations + again.iterations,
+        outcomes={o: again.outcomes.get(o, 0) + first.outcomes.get(o, 0) for o in Outcome},
     )
 
 

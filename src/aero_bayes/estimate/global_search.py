@@ -27,12 +27,18 @@ from aero_bayes.estimate.local_fit import (
     fit_progressive_horizon,
     local_fit,
 )
-from aero_bayes.estimate.noise import NoiseKind, OutputNoise
+from aero_bayes.estimate.noise import (
+    FALSE_ALARM_RATE,
+    NoiseKind,
+    OutputNoise,
+    correlation_p_value,
+    is_rotor_speed,
+    ripple_means,
+)
 from aero_bayes.estimate.noise_estimation import estimate_noise, whiten
 from aero_bayes.estimate.objective import Objective
 from aero_bayes.estimate.step_parameters import other_plateaus
 from aero_bayes.estimate.target import Target
-from aero_bayes.estimate.whiteness import FALSE_ALARM_RATE, correlation_p_value, is_rotor_speed, ripple_means
 from aero_bayes.progress import Progress, Watched
 
 
@@ -95,13 +101,24 @@ MAX_SEEN_GAIN = 0.05
 MAX_PLATEAUS = 8
 
 
-@dataclass(frozen=True, eq=False)
-class FittedStage:
-    """Result of a stage: its negative log-posterior and its optimum."""
+@dataclass(frozen=True)
+class StageReport(Stage):
+    """Where a stage of the local search ended: cost, SI values, and RMS error by output over all recordings."""
 
-    stage: Stage
     cost: float
-    optimum: Optimum
+    values: Mapping[str, float]
+    rms: Mapping[str, float]
+
+    @classmethod
+    def of(cls, stage: Stage, objective: Objective, end: Optimum) -> StageReport:
+        """Report the optimum of a stage."""
+        squares = objective.by_output(np.concatenate(end.evaluation.residual) ** 2)
+        values = objective.parameters.from_search(end.coordinates).tolist()
+        return cls(
+            stage.parameters, stage.outputs, -end.log_likelihood - end.log_prior,
+            dict(zip(objective.parameters.names, values, strict=True)),
+            {output: float(np.sqrt(np.mean(rows))) for output, rows in squares.items() if rows.size},
+        )  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,7 +127,7 @@ class GlobalSearchResult:
 
     optimum: Optimum
     swarm: pso.SwarmResult | None
-    stages: tuple[FittedStage, ...]
+    stages: tuple[StageReport, ...]
     iterations: int
     start_levels: tuple[float, ...] = ()
 
@@ -124,7 +141,7 @@ class GlobalSearch:
         calibration = objective.calibration
         self.kinds: dict[str, NoiseKind] = {o: self._kind(o) for o in calibration.data.outputs}
         self.white_outputs: set[str] = set()
-        self.stages: list[FittedStage] = []
+        self.stages: list[StageReport] = []
         self.iterations = 0
         self.seen: list[FloatArray] = []
         self.start_levels: tuple[float, ...] = ()
@@ -156,6 +173,11 @@ class GlobalSearch:
             for k, name in enumerate(self.objective.calibration.data.outputs)
         }
 
+    @property
+    def _held_noise(self) -> dict[str, OutputNoise] | None:
+        """The noise that is never estimated: that of Eq. 6."""
+        return self.initial_noise() if self.settings.cost == "eq6" else None
+
     def run(
         self, free: Sequence[int], open_simulator: OpenSimulator, rng: np.random.Generator,
         known: pso.SwarmResult | None = None, start: FloatArray | None = None,
@@ -168,20 +190,18 @@ class GlobalSearch:
         steady = [j for j in free if j not in delay_columns(self.objective, free)]
         rough = self.local_settings.with_limits(12, 1.0)
         self.progress("local", 0.0, 0.0)
-        eq6 = self.initial_noise() if self.settings.cost == "eq6" else None
-        here = self._best_plateau(self._local_fit(start, steady, eq6, rough), eq6, rough)
+        held = self._held_noise
+        here = self._best_plateau(self._local_fit(start, steady, held, rough), held, rough)
         point = scan_delays(self.objective, here, free)
         for k, stage in enumerate(self._stages(point, free)):
             self.progress("stages", k / 4.0, 0.0)
             point = self._fit_stage(stage, point, free)
-        here = self._local_fit(point, free, eq6 if eq6 else here.noise, self.local_settings)
+        here = self._local_fit(point, free, held or here.noise, self.local_settings)
         self.progress("local", 0.5, -here.log_likelihood)
         here = self._search_delays(here, free)
         here = self._best_of_seen(self.settle_noise(here))
-        self.stages.append(
-            FittedStage(Stage(tuple(self.objective.parameters.names[j] for j in free), self.objective.outputs),
-                     -here.log_likelihood - here.log_prior, here)
-        )  # fmt: skip
+        whole = Stage(tuple(parameters.names[j] for j in free), self.objective.outputs)
+        self.stages.append(StageReport.of(whole, self.objective, here))
         return GlobalSearchResult(here, swarm, tuple(self.stages), self.iterations, self.start_levels)
 
     def refit(self, start: FloatArray, free: Sequence[int], noise: Mapping[str, OutputNoise]) -> Optimum:
@@ -193,10 +213,9 @@ class GlobalSearch:
         """Compute by how many nats each point where the search has been is better than an optimum, under its noise."""
         if not self.seen:
             return np.zeros(0)
-        found = self.objective.residuals(np.array(self.seen))
+        levels = self.objective.levels(np.array(self.seen), here.noise)
         own = here.whitened.log_likelihood + self._log_prior(here.coordinates, here.free)
-        white = (-np.inf if f is None else self.objective.whiten(f, here.noise).log_likelihood for f in found)
-        return np.array([w + self._log_prior(x, here.free) - own for w, x in zip(white, self.seen, strict=True)])
+        return np.array([w + self._log_prior(x, here.free) - own for w, x in zip(levels, self.seen, strict=True)])
 
     def _best_plateau(
         self, here: Optimum, noise: Mapping[str, OutputNoise] | None, settings: LocalFitSettings
@@ -255,10 +274,9 @@ class GlobalSearch:
         mine, least = (self._rms(o) for o in (here, squares))
         return {o for o in correlated if mine[o] > MAX_RMS_RATIO * least[o]}
 
-    def _rms(self, found: Optimum, objective: Objective | None = None) -> dict[str, float]:
+    def _rms(self, found: Optimum) -> dict[str, float]:
         white = replace(self.least_squares_settings, floors={})
-        residual = found.evaluation.residual
-        return {o: n.sd_white for o, n in fit_noise(objective or self.objective, residual, white).items()}
+        return {o: n.sd_white for o, n in fit_noise(self.objective, found.evaluation.residual, white).items()}
 
     def _local_fit(
         self,
@@ -292,8 +310,7 @@ class GlobalSearch:
         with open_simulator(reduced.problem()) as simulator:
             target = Target(reduced, simulator, values, free, prior=self.settings.cost == "posterior")
             reduced_objective = self.objective.with_calibration(reduced, simulator)
-            noise = self.initial_noise()
-            rows = reduced_objective.noise_rows(noise)
+            rows = reduced_objective.noise_rows(self.initial_noise())
             low, high = target.box
 
             def run_swarm() -> Arrays:
@@ -323,19 +340,16 @@ class GlobalSearch:
                 )
                 starts.append(point)
                 self.iterations += steps
-            best = self._best_local_fit(reduced_objective, starts, free, noise)
+            best = self._best_local_fit(reduced_objective, starts, free)
         return best.coordinates, swarm
 
-    def _best_local_fit(
-        self, objective: Objective, starts: Sequence[FloatArray], free: Sequence[int], noise: Mapping[str, OutputNoise]
-    ) -> Optimum:
+    def _best_local_fit(self, objective: Objective, starts: Sequence[FloatArray], free: Sequence[int]) -> Optimum:
         """Choose the best of several local fits with white noise."""
-        known = noise if self.settings.cost == "eq6" else None
         settings = self.least_squares_settings.with_limits(25, 0.1)
         found = []
         for at in starts:
             with suppress(CannotFinishError):
-                found.append(self._local_fit(at, free, known, settings, objective))
+                found.append(self._local_fit(at, free, self._held_noise, settings, objective))
         if not found:
             raise CannotFinishError(
                 f"model {objective.calibration.model.name} could not be simulated at any starting point: "
@@ -360,9 +374,8 @@ class GlobalSearch:
         part = self.objective.with_outputs(stage.outputs)
         if not own or not part.series:
             return point
-        eq6 = self.initial_noise() if self.settings.cost == "eq6" else None
-        found = self._local_fit(point, own, eq6, self.local_settings.with_limits(20, 0.5), part)
-        self.stages.append(FittedStage(stage, -found.log_likelihood - found.log_prior, found))
+        found = self._local_fit(point, own, self._held_noise, self.local_settings.with_limits(20, 0.5), part)
+        self.stages.append(StageReport.of(stage, part, found))
         return found.coordinates
 
     def _search_delays(self, here: Optimum, free: Sequence[int]) -> Optimum:

@@ -180,23 +180,16 @@ def assess(
     return replace(found, status={name: found.capped(name, one) for name, one in status.items()})
 
 
-def collinear(information: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Compute eigenvalues and eigenvectors of the information, scaled to a unit diagonal.
-
-    Along an eigenvector with a small eigenvalue the parameters compensate each other (Belsley, Kuh & Welsch, 1980,
-    Regression Diagnostics)."""
+def _flat(names: Sequence[str], information: FloatArray, prior_sd: FloatArray) -> tuple[FlatDirection, ...]:
+    """Find directions along which the parameters compensate each other: eigenvectors, of small eigenvalues, of the
+    information scaled to a unit diagonal (Belsley, Kuh & Welsch, 1980, Regression Diagnostics)."""
+    if len(names) < 2:
+        return ()
     norm = np.sqrt(np.maximum(np.diag(information), 1e-300))
     scaled = information / np.outer(norm, norm)
     sizes, vectors = np.linalg.eigh(0.5 * (scaled + scaled.T))
-    return np.maximum(sizes, 0.0), vectors
-
-
-def _flat(names: Sequence[str], information: FloatArray, prior_sd: FloatArray) -> tuple[FlatDirection, ...]:
-    if len(names) < 2:
-        return ()
-    sizes, vectors = collinear(information)
     found: list[tuple[set[str], int, bool]] = []
-    for size, v in zip(sizes, vectors.T, strict=True):
+    for size, v in zip(np.maximum(sizes, 0.0), vectors.T, strict=True):
         if size < MAX_COLLINEAR_SHARE:
             members, changes = {n for n, part in zip(names, np.abs(v), strict=True) if part > MIN_PART}, 1
             by_prior = float(np.sum(v**2 / (prior_sd**2 * np.diag(information)))) > size
@@ -332,6 +325,14 @@ class Estimate:
     note: str = ""
     recording: str = ""
 
+    @classmethod
+    def held(
+        cls, name: str, value: float, unit: str, note: str, description: str = "", recording: str = ""
+    ) -> Estimate:
+        """Return the entry of a parameter that is not fitted, with the reason."""
+        no = None, None, None, None
+        return cls(name, value, *no, unit, Status.FIXED, description, note=note, recording=recording)
+
     def __float__(self) -> float:
         return self.value
 
@@ -353,19 +354,15 @@ def fixed_reasons(model: Model, fixed: Collection[str]) -> dict[str, str]:
 def fixed_parameters(calibration: Calibration) -> dict[str, Estimate]:
     """List parameters of the model that are not fitted, where the reason is known."""
     fitted = {p.target.name for p in calibration.parameters if isinstance(p.target, ParameterTarget)}
-    reasons = fixed_reasons(calibration.model, calibration.simulated.fixed)
+    reasons = fixed_reasons(calibration.model, calibration.fixed)
     table = {}
     for v in calibration.model.parameters:
-        value, note = calibration.simulated.fixed.get(v.name, v.start), reasons.get(v.name)
+        value, note = calibration.fixed.get(v.name, v.start), reasons.get(v.name)
         if v.name not in fitted and note is not None and value is not None:
-            table[v.name] = Estimate(
-                v.name, float(value), None, None, None, None, v.unit, Status.FIXED, v.description, note=note
-            )
+            table[v.name] = Estimate.held(v.name, float(value), v.unit, note, v.description)
     for recording in calibration.data.recordings:
         for name, value in recording.known.items():
             v = calibration.model.parameter(name)
-            table[f"{name}@{recording.name}"] = Estimate(
-                f"{name}@{recording.name}", value, None, None, None, None, v.unit, Status.FIXED, v.description,
-                note="known in this recording", recording=recording.name,
-            )  # fmt: skip
+            own, told = f"{name}@{recording.name}", "known in this recording"
+            table[own] = Estimate.held(own, value, v.unit, told, v.description, recording.name)
     return table

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from aero_bayes.arrays import FloatArray
 from aero_bayes.errors import InputError
-from aero_bayes.estimate.noise import OutputNoise, SampleTimes
+from aero_bayes.estimate.noise import SampleTimes
 from aero_bayes.estimate.noise_estimation import whiten
 from aero_bayes.estimate.parameters import Parameter, ParameterSet
-from aero_bayes.estimate.result import Fit
 from aero_bayes.simulation.engines import open_simulator
 from aero_bayes.simulation.interface import (
     DelayTarget,
@@ -22,8 +22,12 @@ from aero_bayes.simulation.interface import (
     ParameterTarget,
     Problem,
     Simulator,
+    Trajectories,
 )
 from aero_bayes.simulation.workers import WorkerPool
+
+if TYPE_CHECKING:
+    from aero_bayes.estimate.result import Fit
 
 #: Largest number of samples in the sum of the information. More are thinned, and their white noise is scaled.
 MAX_SAMPLES = 1500
@@ -64,7 +68,9 @@ class PredictedExperiment:
 
 
 class ExperimentPredictor:
-    """Predicts experiments with a fitted model."""
+    """Predicts experiments with a fitted model.
+
+    ``shared`` are the parameters that a new recording has in common with those that were fitted, at ``values`` (p,)."""
 
     def __init__(
         self,
@@ -76,9 +82,8 @@ class ExperimentPredictor:
         pool: WorkerPool | None = None,
     ) -> None:
         self.fit, self.full_time, self.limits = fit, time, limits
-        self._engine: Engine = engine
-        self._workers, self._pool = workers, pool
-        calibration = fit.calibration
+        self._run_by = engine, workers, pool
+        calibration, measured = fit.calibration, fit.calibration.data.outputs
         inputs = {signal.name for e in calibration.data.experiments for signal in e.inputs}
         if len(inputs) != 1:
             raise InputError(f"an experiment can be designed for a model with one driven input, not {len(inputs)}")
@@ -87,22 +92,21 @@ class ExperimentPredictor:
         for name in limits.travel:
             if name not in known:
                 raise InputError(f"limit of {name}: model {calibration.model.name} has no such output")
-        self.limited = tuple(limits.travel)
-        self.outputs = calibration.data.outputs + tuple(n for n in self.limited if n not in calibration.data.outputs)
-        columns = [
-            j
-            for j, p in enumerate(calibration.parameters)
-            if isinstance(p.target, ParameterTarget | DelayTarget) and p.target != DelayTarget()
+        self.outputs = measured + tuple(n for n in limits.travel if n not in measured)
+        items = calibration.parameters.items
+        delays = [j for j, p in enumerate(items) if p.target == DelayTarget()]
+        self._columns = [
+            j for j, p in enumerate(items) if isinstance(p.target, ParameterTarget | DelayTarget) and j not in delays
         ]
-        self.shared = ParameterSet(tuple(calibration.parameters.items[j] for j in columns))
-        self.values = fit.values[columns]
-        self._columns = columns
-        delays = [j for j, p in enumerate(calibration.parameters) if p.target == DelayTarget()]
-        self.delay: Parameter | None = calibration.parameters.items[delays[0]] if delays else None
+        self.shared = ParameterSet(tuple(items[j] for j in self._columns))
+        self.values = fit.values[self._columns]
+        self.delay: Parameter | None = items[delays[0]] if delays else None
         self.delay_value = float(np.mean(fit.values[delays])) if delays else 0.0
         every = -(-time.size // MAX_SAMPLES)
         self.time = time[::every]
-        self._noise = [_thinned(fit.noise[name], every) for name in calibration.data.outputs]
+        # Of every n-th sample, with the information of all: the white part of the noise averages out.
+        noise = (fit.noise[name] for name in measured)
+        self._noise = [replace(n, sd_white=n.sd_white / every**0.5) for n in noise]
         self._sampling = SampleTimes.of(self.time, self.time)
 
     def precision(self) -> FloatArray:
@@ -110,8 +114,7 @@ class ExperimentPredictor:
         total = np.diag(self.shared.prior_sd() ** -2.0)
         known = [k for k, j in enumerate(self._columns) if j in self.fit.free]
         rows = [self.fit.free.index(self._columns[k]) for k in known]
-        block = self.fit.covariance[np.ix_(rows, rows)]
-        total[np.ix_(known, known)] = np.linalg.inv(block)
+        total[np.ix_(known, known)] = np.linalg.inv(self.fit.covariance[np.ix_(rows, rows)])
         return total
 
     def draws(self, count: int, rng: np.random.Generator) -> FloatArray:
@@ -121,43 +124,37 @@ class ExperimentPredictor:
         point = self.shared.to_search(self.values) + rng.standard_normal((count, len(self.shared))) @ factor.T
         return self.shared.from_search(np.clip(point, low, high))
 
-    def experiment(self, values: FloatArray, time: FloatArray | None = None) -> Experiment:
-        """Return the run that an input signal (n,) on the full times makes, from rest."""
-        changes = np.flatnonzero(np.diff(values, prepend=np.nan) != 0.0)
-        start = self.full_time[0]
-        signal = InputSignal(
-            self.input,
-            np.concatenate([[start - 1.0], self.full_time[changes]]),
-            np.concatenate([[0.0], values[changes]]),
-        )
-        return Experiment(self.time if time is None else time, self.outputs, (signal,))
+    def open(self, signals: Sequence[FloatArray], time: FloatArray | None = None) -> Simulator:
+        """Return a simulator of the runs, from rest, that input signals (n,) on the full times make.
 
-    def problem(self, experiments: Sequence[Experiment]) -> Problem:
-        """Return the problem of some experiments; its columns are the shared parameters, then the delay."""
-        calibration = self.fit.calibration
+        Its columns are the shared parameters, then the delay."""
+        calibration, start = self.fit.calibration, self.full_time[0]
+        experiments = []
+        for values in signals:
+            at = np.flatnonzero(np.diff(values, prepend=np.nan) != 0.0)
+            changes = np.concatenate([[start - 1.0], self.full_time[at]])
+            signal = InputSignal(self.input, changes, np.concatenate([[0.0], values[at]]))
+            experiments.append(Experiment(self.time if time is None else time, self.outputs, (signal,)))
         targets = (*(p.target for p in self.shared), DelayTarget())
-        return Problem(
-            calibration.model, tuple(experiments), (targets,) * len(experiments), dict(calibration.simulated.fixed),
-            calibration.simulated.solver,
+        problem = Problem(
+            calibration.model, tuple(experiments), (targets,) * len(experiments), dict(calibration.fixed),
+            calibration.solver,
         )  # fmt: skip
+        return open_simulator(problem, *self._run_by)
 
-    def open(self, problem: Problem) -> Simulator:
-        """Return a simulator on this forecaster's workers."""
-        return open_simulator(problem, self._engine, self._workers, self._pool)
+    def runs(self, signal: FloatArray, draws: FloatArray, time: FloatArray | None = None) -> Trajectories:
+        """Simulate an input signal (n,) with values (k, p) of the shared parameters."""
+        with self.open([signal], time) as simulator:
+            return simulator.simulate(np.column_stack([draws, np.full(len(draws), self.delay_value)]))
 
-    def predict(
-        self, signals: Sequence[FloatArray], values: FloatArray | None = None
-    ) -> list[PredictedExperiment | None]:
-        """Predict experiments, one an input signal (n,) on the full times; None where the simulation failed.
-
-        ``values`` are the shared parameters' SI values, the fitted ones by default."""
-        at = self.values if values is None else values
-        with self.open(self.problem([self.experiment(s) for s in signals])) as simulator:
-            row = np.append(at, self.delay_value)[None]
-            result = simulator.simulate(row, active=range(len(at) + 1))
+    def predict(self, signals: Sequence[FloatArray]) -> list[PredictedExperiment | None]:
+        """Predict experiments, one an input signal (n,) on the full times; None where the simulation failed."""
+        with self.open(signals) as simulator:
+            row = np.append(self.values, self.delay_value)[None]
+            result = simulator.simulate(row, active=range(row.size))
         if result.sensitivities is None:
             return [None] * len(signals)
-        slope = np.append(self.shared.jacobian(at), 1.0)
+        slope = np.append(self.shared.jacobian(self.values), 1.0)
         return [
             None if code else self._predicted(y[0], s[0] * slope)
             for y, s, code in zip(result.outputs, result.sensitivities, result.outcomes[0], strict=True)
@@ -165,8 +162,12 @@ class ExperimentPredictor:
 
     def _predicted(self, outputs: FloatArray, sensitivities: FloatArray) -> PredictedExperiment:
         joint = self.gram(sensitivities, sensitivities)
-        travel = {n: float(np.max(np.abs(outputs[:, self.outputs.index(n)]))) for n in self.limited}
-        return PredictedExperiment(self.without_delay(joint), travel, outputs, sensitivities)
+        information = joint[:-1, :-1]
+        if self.delay is not None:
+            own = joint[-1, -1] + self.delay_precision
+            information = information - np.outer(joint[:-1, -1], joint[-1, :-1]) / own
+        travel = {n: float(np.max(np.abs(outputs[:, self.outputs.index(n)]))) for n in self.limits.travel}
+        return PredictedExperiment(information, travel, outputs, sensitivities)
 
     def gram(self, left: FloatArray, right: FloatArray) -> FloatArray:
         """Multiply columns, weighed by the noise of the measured outputs: (n, m, a) with (n, m, b) to (a, b)."""
@@ -176,13 +177,6 @@ class ExperimentPredictor:
             total += rows[: len(total)] @ rows[len(total) :].T
         return total
 
-    def without_delay(self, joint: FloatArray) -> FloatArray:
-        """Integrate the new recording's delay, the last column, out of the information."""
-        if self.delay is None:
-            return joint[:-1, :-1]
-        own = joint[-1, -1] + self.delay_precision
-        return np.asarray(joint[:-1, :-1] - np.outer(joint[:-1, -1], joint[-1, :-1]) / own)
-
     @property
     def delay_precision(self) -> float:
         """Prior precision of the delay of a new recording, in 1/s^2; infinite if the fit has no delay."""
@@ -190,11 +184,6 @@ class ExperimentPredictor:
             return np.inf
         sd = float(ParameterSet((self.delay,)).prior_sd()[0]) * (self.delay.upper - self.delay.lower)
         return 1.0 / sd**2
-
-
-def _thinned(noise: OutputNoise, every: int) -> OutputNoise:
-    """Return noise for which every n-th sample has the information of all samples: the white part averages out."""
-    return replace(noise, sd_white=noise.sd_white / every**0.5)
 
 
 def posterior_sd(precision: FloatArray) -> FloatArray:

@@ -1,4 +1,4 @@
-"""Process noise of a calibration: diffusion of named states and the readings' noise, as parameters beside the others.
+"""What a calibration is made by: its settings, checks of recordings, initial values of states, and process noise.
 
 Diffusion and reading noise hang together in the likelihood, so that both are searched and sampled with the parameters.
 """
@@ -54,18 +54,14 @@ MAX_DEVIATION = 8.0
 
 
 def start_parameters(
-    recording: Recording,
-    experiment: Experiment,
-    model: Model,
-    policy: StartPolicy,
-    may_start_at_rest: tuple[str, ...] | None,
-    index: int,
-    suffix: str,
+    recording: Recording, experiment: Experiment, model: Model, settings: CalibrationSettings, index: int, suffix: str,
     given: Collection[str] = (),
-) -> tuple[dict[str, float], list[Parameter]]:
+) -> tuple[dict[str, float], list[Parameter]]:  # fmt: skip
     """Choose initial values of states by name, and those that are estimated."""
     assert experiment.measured is not None
-    policy = "estimated" if recording.resumes else policy
+    policy = "estimated" if recording.resumes else settings.initial_states
+    resting = model.declared.recording.resting
+    may_start_at_rest = resting if settings.may_start_at_rest is None else settings.may_start_at_rest
     start: dict[str, float] = {}
     found: list[Parameter] = []
     seen: set[str] = set()
@@ -216,7 +212,7 @@ class CalibrationSettings:
         Whether all readings of a counter at standstill are fitted. Comparisons of models use few of them.
     interpolation : {"auto", "hold", "linear"} or mapping
         Whether inputs hold from a sample to the next or run in straight lines, all of them or by name; ``auto`` lets
-        the fit decide for each that moves from sample to sample (see :mod:`aero_bayes.estimate.interpolation`).
+        the fit decide for each that moves from sample to sample.
     solver : SolverSettings
 
     Examples
@@ -267,6 +263,9 @@ def _check_inputs(recording: Recording, model: Model) -> None:
             f"{', '.join(there)}{meant}); name it in [data] inputs and [data.columns.{missing[0]}], or give it a "
             f"value: [data] constants = {{{missing[0]} = ...}}"
         )
+    driven = {variable.name for variable in model.inputs}
+    if unknown := [name for name in recording.inputs if name not in driven]:
+        raise InputError(f"{recording.name}: model {model.name} has no input {unknown[0]}")
 
 
 def _check_temperatures(recording: Recording, model: Model) -> None:
@@ -275,18 +274,13 @@ def _check_temperatures(recording: Recording, model: Model) -> None:
         values = {**recording.inputs, **recording.outputs}.get(v.name)
         if v.unit != "K" or values is None or not np.isfinite(values).any():
             continue
-        start, first = _start_of_plausible(v, model) or warm, float(values[np.isfinite(values)][0])
+        start, first = (state_of(model, v.name) or v).start or warm, float(values[np.isfinite(values)][0])
         low, high = float(np.nanmin(values)), float(np.nanmax(values))
         if start > MIN_KELVIN_START and first < MAX_CELSIUS_READING:
             raise InputError(
                 f"{recording.path or recording.name}, column {v.name}: reads {low:.4g} to {high:.4g}, where the model "
                 f'starts at {start:.4g} K: looks like degC or degF; say so, as by [data.columns.{v.name}] unit = "degC"'
             )
-
-
-def _start_of_plausible(v: Variable, model: Model) -> float | None:
-    state = state_of(model, v.name)
-    return v.start if state is None else state.start
 
 
 #: What the name of a diffusion's parameter begins with; the state follows.
@@ -323,7 +317,7 @@ def process_parameters(
         values = np.concatenate([readings_of(e)[:, column] for e in experiments])
         found.append(
             _parameter(
-                f"noise.{output}.sd_white", model.units[output], READING_SHARE * _range_of_process_noise(values),
+                f"noise.{output}.sd_white", model.units[output], READING_SHARE * (_range(values) or 1.0),
                 f"noise of the readings of {output}", ReadingNoiseTarget(output), floors.get(output, 0.0),
             )
         )  # fmt: skip
@@ -348,16 +342,12 @@ def uncertain_start(
     for column, output in enumerate(experiment.outputs):
         state = state_of(model, output)
         if state is not None and state.name in start:
-            sd[state.name] = MAX_SPREAD_SHARE * _range_of_process_noise(readings_of(experiment)[:, column])
+            sd[state.name] = MAX_SPREAD_SHARE * (_range(readings_of(experiment)[:, column]) or 1.0)
     for name, value in given.items():
         state_name = model.states[model.state_index(name)].name
         mean.pop(state_name, None)
         sd[state_name] = value
     return mean, sd
-
-
-def _range_of_process_noise(values: FloatArray) -> float:
-    return float(np.nanmax(values) - np.nanmin(values)) or 1.0
 
 
 def _parameter(

@@ -1,4 +1,8 @@
-"""Settings of a fit."""
+"""Bounded Levenberg-Marquardt search, the stages of a fit, and its settings.
+
+A delay that moves a jump of the input across a sample changes that reading at once, so that the likelihood has a kink
+there. A gradient taken on one side of a kink says nothing about the other side.
+"""
 
 from __future__ import annotations
 
@@ -8,16 +12,17 @@ from enum import Enum
 from typing import Generic, Literal, Protocol, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from aero_bayes.arrays import FloatArray
 from aero_bayes.display import SettingsDisplay
+from aero_bayes.estimate.calibrated_model import ListedValue
 from aero_bayes.estimate.initial_states import CalibrationSettings
-from aero_bayes.estimate.listed_values import ListedValue
 from aero_bayes.estimate.noise import NoiseModel
 from aero_bayes.estimate.objective import Objective
-from aero_bayes.estimate.step_rule import CostShape, StepRule
+from aero_bayes.estimate.parameters import ParameterSet
 from aero_bayes.estimate.swarm import SwarmSettings
-from aero_bayes.simulation.interface import Engine
+from aero_bayes.simulation.interface import DelayTarget, Engine
 
 
 class Stop(Enum):
@@ -145,6 +150,117 @@ def bounded_step(hessian: FloatArray, gradient: FloatArray, low: FloatArray, hig
     return np.clip(step, low, high)
 
 
+#: Distance from a kink, as a share of the smooth region, up to which a coordinate counts as at the kink.
+KINK_TOLERANCE = 1e-3
+#: Length of a Newton step in a logarithm above which steps linear in the logarithm and in the value differ noticeably.
+MIN_LOG_STEP = 0.3
+#: Ratio of actual to predicted decrease below which the next step is made in the other parametrisation.
+MIN_GAIN_RATIO = 0.75
+
+#: Bounds (p,) of the region about a point (p,) in which the cost is smooth.
+SmoothRegion = Callable[[FloatArray], tuple[FloatArray, FloatArray]]
+
+
+@dataclass(frozen=True, eq=False)
+class CostShape:
+    """What is known of a cost beforehand."""
+
+    smooth_region: SmoothRegion | None = None
+    logarithmic: NDArray[np.bool_] | None = None
+
+
+class StepRule:
+    """Make steps inside the box, on one side of a kink, linear in the coordinates or in their values."""
+
+    def __init__(self, low: FloatArray, high: FloatArray, shape: CostShape) -> None:
+        self.low, self.high, self.shape = low, high, shape
+        self._logarithmic = shape.logarithmic if shape.logarithmic is not None else np.zeros(low.size, dtype=bool)
+        self._confined = self._linear_in_values = self._switched = False
+
+    def _region(self, point: FloatArray) -> tuple[FloatArray, FloatArray]:
+        return self.shape.smooth_region(point) if self.shape.smooth_region is not None else (self.low, self.high)
+
+    @property
+    def _relative(self) -> NDArray[np.bool_]:
+        """Coordinates whose steps are relative changes of their values."""
+        return self._logarithmic & self._linear_in_values
+
+    def bounds(self, point: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Lower and upper bounds (p,) of a step from a point."""
+        low, high = self.low - point, self.high - point
+        if self._confined:
+            region = self._region(point)
+            low, high = np.maximum(low, region[0] - point), np.minimum(high, region[1] - point)
+        relative = self._relative
+        low[relative], high[relative] = np.expm1(low[relative]), np.expm1(high[relative])
+        return low, high
+
+    def apply(self, point: FloatArray, step: FloatArray) -> FloatArray:
+        """Return the point (p,) after a step."""
+        relative, moved = self._relative, point + step
+        moved[relative] = point[relative] + np.log1p(step[relative])
+        return np.clip(moved, self.low, self.high)
+
+    def change_after_rejection(self, point: FloatArray, rejected: FloatArray, newton: FloatArray) -> bool:
+        """Change the rule after a step to ``rejected`` failed; False if there is nothing left to change."""
+        low, high = self._region(point)
+        if not self._confined and np.any((rejected < low) | (rejected > high)):
+            self._confined = True
+            return True
+        if self._switched or not self._is_long(newton):
+            return False
+        self._linear_in_values, self._switched = not self._linear_in_values, True
+        return True
+
+    def change_after_step(self, point: FloatArray, new: FloatArray, newton: FloatArray, gain_ratio: float) -> None:
+        """Adapt the rule to a step to ``new`` that was taken; ``gain_ratio`` is its actual over predicted decrease."""
+        self._switched = False
+        self._confined = self._confined and self._stays_at_kink(point, new)
+        if gain_ratio < MIN_GAIN_RATIO and self._is_long(newton):
+            self._linear_in_values = not self._linear_in_values
+
+    def _is_long(self, newton: FloatArray) -> bool:
+        """Return whether the Newton step is so long that the two parametrisations differ."""
+        return bool(np.any(np.abs(newton[self._logarithmic]) > MIN_LOG_STEP))
+
+    def _stays_at_kink(self, point: FloatArray, new: FloatArray) -> bool:
+        """Return whether a step moved along a kink."""
+        low, high = self._region(point)
+        kinked = np.isfinite(low)
+        x, low, high = new[kinked], low[kinked], high[kinked]
+        tolerance = KINK_TOLERANCE * (high - low)
+        at_kink = (x <= low + tolerance) | (x >= high - tolerance)
+        return bool(np.any(at_kink & (np.abs(x - point[kinked]) <= tolerance)))
+
+
+#: Margin at both ends of a sample interval, as a share of it: at the kink itself a derivative may be of either side.
+KINK_MARGIN = 1e-6
+
+
+def cost_shape(parameters: ParameterSet, free: Sequence[int], intervals: Sequence[float]) -> CostShape:
+    """Tell which of the free coordinates are logarithms, and where a delay among them has kinks.
+
+    ``intervals`` are the sample intervals of the recordings in s."""
+    own = type(parameters)(tuple(parameters.items[j] for j in free))
+    steps = {
+        k: intervals[item.recording] if item.recording is not None else min(intervals)
+        for k, item in enumerate(own.items)
+        if isinstance(item.target, DelayTarget)
+    }
+
+    def smooth_region(point: FloatArray) -> tuple[FloatArray, FloatArray]:
+        values = own.from_search(point)
+        low, high = np.full(point.size, -np.inf), np.full(point.size, np.inf)
+        for k, step in steps.items():
+            first = np.floor(values[k] / step + KINK_MARGIN)
+            for bound, at in ((low, first + KINK_MARGIN), (high, first + 1.0 - KINK_MARGIN)):
+                values[k] = at * step
+                bound[k] = own.to_search(values)[k]
+        return low, high
+
+    return CostShape(smooth_region if steps else None, own.logarithmic)
+
+
 def levenberg_marquardt(
     cost_function: CostFunction[Quadratic],
     start: FloatArray,
@@ -237,36 +353,27 @@ class Stage:
     outputs: tuple[str, ...]
 
 
-def _causal_stages(names: Sequence[str], outputs: Sequence[str], effect: FloatArray) -> tuple[Stage, ...]:
-    """Order stages from the effects of parameters on outputs."""
-    moved = [frozenset(np.flatnonzero(effect[:, k] > 0.0).tolist()) for k in range(len(outputs))]
-    stages: list[Stage] = []
-    settled: set[int] = set()
-    for members in sorted(set(moved), key=lambda s: (len(s), sorted(s))):
-        new = sorted(members - settled)
-        if not new:
-            continue
-        settled |= set(new)
-        group = tuple(out for out, m in zip(outputs, moved, strict=True) if m == members)
-        stages.append(Stage(tuple(names[j] for j in new), group))
-    return tuple(stages)
-
-
 def stages_by_effect(objective: Objective, point: FloatArray, free: Sequence[int]) -> tuple[Stage, ...]:
     """Order stages of the free columns by their effects at a point (p,) in search coordinates.
 
     None where one would do."""
-    calibration = objective.calibration
+    data, outputs = objective.calibration.data, objective.calibration.data.outputs
     found = objective.evaluate(point, free)
-    if found is None or found.slopes is None or len(calibration.data.outputs) == 1:
+    if found is None or found.slopes is None or len(outputs) == 1:
         return ()
-    effect = np.zeros((len(free), len(calibration.data.outputs)))
+    effect = np.zeros((len(free), len(outputs)))
     for k, series in enumerate(objective.series):
-        size = np.max(np.abs(found.slopes[k]), axis=1) / calibration.data.scale[series.column]
+        size = np.max(np.abs(found.slopes[k]), axis=1) / data.scale[series.column]
         effect[:, series.column] = np.maximum(effect[:, series.column], size)
-    names = [objective.parameters.names[j] for j in free]
-    stages = _causal_stages(names, calibration.data.outputs, np.where(effect > 1e-6, effect, 0.0))
-    return stages if len(stages) > 1 else ()
+    moved = [frozenset(np.flatnonzero(column > 1e-6).tolist()) for column in effect.T]
+    stages: list[Stage] = []
+    settled: set[int] = set()
+    for members in sorted(set(moved), key=lambda s: (len(s), sorted(s))):
+        if new := sorted(members - settled):
+            settled |= set(new)
+            group = tuple(output for output, own in zip(outputs, moved, strict=True) if own == members)
+            stages.append(Stage(tuple(objective.parameters.names[free[j]] for j in new), group))
+    return tuple(stages) if len(stages) > 1 else ()
 
 
 CostKind = Literal["posterior", "weighted", "eq6"]

@@ -1,4 +1,4 @@
-"""Fit the beginning of the recordings first, then ever longer horizons.
+"""A local fit: its cost, its optimum with the Gaussian approximation there, and fits of ever longer horizons.
 
 The likelihood of a long recording of an oscillating or unstable system has many local optima; that of its beginning has
 few. Multiple shooting is another remedy (Voss, Timmer and Kurths, 2004, Int. J. Bifurcation and Chaos 14, 1905).
@@ -19,19 +19,18 @@ from aero_bayes.arrays import FloatArray
 from aero_bayes.checkpoint import Arrays, pack, unpack
 from aero_bayes.data.noise import noise_floors
 from aero_bayes.errors import CannotFinishError
-from aero_bayes.estimate.gaussian import log_precision, parameter_covariance
 from aero_bayes.estimate.levenberg_marquardt import (
     LocalResult,
     LocalSettings,
     QuadraticModel,
     Stop,
+    cost_shape,
     levenberg_marquardt,
 )
 from aero_bayes.estimate.noise import NoiseKind, OutputNoise
 from aero_bayes.estimate.noise_estimation import update_output_noise
 from aero_bayes.estimate.objective import Evaluation, Objective, Whitened
 from aero_bayes.estimate.parameters import ParameterSet
-from aero_bayes.estimate.step_rule import cost_shape
 from aero_bayes.simulation.interface import Problem, Simulator
 
 #: Smallest noise as a share of an output's range: data without noise leave no more than the rounding of numbers.
@@ -249,6 +248,47 @@ def _pack(found: LocalResult[_PosteriorModel]) -> Arrays:
         for name, noise in found.quadratic.noise.items():
             kept |= pack(noise, f"noise.{name}.")
     return kept
+
+
+#: Least eigenvalue of a Hessian that is scaled to a unit diagonal, as a share of the largest: below, it is rounding.
+MIN_EIGENVALUE = 1e-12
+
+
+def parameter_covariance(hessian: FloatArray, prior_sd: FloatArray) -> FloatArray:
+    """Invert a Hessian (f, f) that contains the priors; a direction flatter than its prior gets the width of the prior.
+
+    ``prior_sd`` (f,) are standard deviations of the priors in the same coordinates."""
+    scaled = hessian * prior_sd[:, None] * prior_sd[None, :]
+    values, vectors = np.linalg.eigh(0.5 * (scaled + scaled.T))
+    inverse = (vectors / np.maximum(values, 1.0)) @ vectors.T
+    return np.asarray(inverse * prior_sd[:, None] * prior_sd[None, :])
+
+
+def log_precision(hessian: FloatArray, width: FloatArray) -> float:
+    """Compute the log-determinant of the precision of a Gaussian posterior in a box of a given width (f,).
+
+    The Hessian (f, f) is scaled to a unit diagonal first, so that its small eigenvalues are directions that the data do
+    not determine, whatever the units of the coordinates."""
+    if not len(hessian):
+        return 0.0
+    unit, values, vectors = _scaled(hessian)
+    # The posterior is nowhere wider than the box: in a direction that the data do not determine it has the box's width.
+    limited = (vectors * values) @ vectors.T + np.diag(2.0 * math.pi * (unit / width) ** 2)
+    return float(np.linalg.slogdet(limited)[1]) - 2.0 * float(np.log(unit).sum())
+
+
+def unlimited_sd(hessian: FloatArray) -> FloatArray:
+    """Compute standard deviations (f,) of a Gaussian by its Hessian alone: huge where nothing determines it."""
+    unit, values, vectors = _scaled(hessian)
+    return np.asarray(unit * np.sqrt(np.sum(vectors**2 / values, axis=1)))
+
+
+def _scaled(hessian: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Scale a Hessian to a unit diagonal: the units (f,), its eigenvalues there, never zero, and its eigenvectors."""
+    own = np.diag(hessian)
+    unit = 1.0 / np.sqrt(np.where(own > 0.0, own, 1.0))
+    values, vectors = np.linalg.eigh(hessian * np.outer(unit, unit))
+    return unit, np.maximum(values, MIN_EIGENVALUE * max(float(values[-1]), 1.0)), vectors
 
 
 def _laplace(hessian: FloatArray, parameters: ParameterSet, free: Sequence[int]) -> tuple[FloatArray, float]:

@@ -1,4 +1,12 @@
-"""Channels that were read in another way than they were written: sign, unit, order, clock, and values beside them."""
+"""Data that were read in another way than they were written (sign, unit, order, clock), and values held wrongly.
+
+Each other way is a calibration of its own. Where a fit is poor, those that promise most are fitted: the best is told.
+
+Clocks are looked for in the fitted trajectory: it is compared with the readings at other times, its parameters moved by
+one Newton step. An output that comes late is no fault of a clock: sensors lag and inputs are delayed. A clock that runs
+at another rate is told where the inputs keep changing, since a single response runs faster with other parameters, too.
+Of parameters that may have another value, or one in each recording, one Newton step from the fit says which to try.
+"""
 
 from __future__ import annotations
 
@@ -14,16 +22,16 @@ import numpy as np
 from aero_bayes.arrays import FloatArray
 from aero_bayes.data.find_table import DataFinding, FindingKind
 from aero_bayes.data.recording import Recording
-from aero_bayes.display import with_unit
+from aero_bayes.display import join_names, with_unit
 from aero_bayes.errors import CannotFinishError, InputError
-from aero_bayes.estimate.calibration import Calibration
+from aero_bayes.estimate.calibration import Calibration, for_recordings
 from aero_bayes.estimate.local_fit import OpenSimulator
 from aero_bayes.estimate.measured_data import MeasuredData
-from aero_bayes.estimate.misaligned import Misalignment, misalignments
-from aero_bayes.estimate.other_values import OtherValues, other_values
+from aero_bayes.estimate.objective import Objective
+from aero_bayes.estimate.parameters import Parameter, ParameterSet, parameters_from_model
 from aero_bayes.estimate.result import Fit
 from aero_bayes.modelica.units import conversion
-from aero_bayes.simulation.interface import Outcome
+from aero_bayes.simulation.interface import Outcome, ParameterTarget
 
 #: Units that loggers write, SI ones among them for models that are not in SI.
 UNITS = (
@@ -40,8 +48,17 @@ POOR_SHARE = 0.1
 MIN_FACTOR, MIN_CLEAN_FACTOR, MIN_WORST = 3.0, 1.5, 0.9
 #: Factor from which no other reading is tried, where only noise is left.
 SURE_FACTOR = 20.0
-#: Most readings of a kind that are tried by a fit, and samples of a recording that it is to.
-MAX_TRIED, SAMPLES = 3, 1000
+#: Most readings of a kind that are tried by a fit, most of clocks, and samples of a recording that it is to.
+MAX_TRIED, MOST_CLOCKS, SAMPLES = 3, 6, 1000
+#: Samples by which an output may be ahead, and shares by which a clock may be off.
+MAX_AHEAD, RATES = 4, tuple(np.geomspace(5e-5, 0.05, 31).tolist())
+#: Readings of a series in which a clock is looked for, and share of the squares that has to go before a refit tries it
+#: (the parameters have taken up much of it, and come back by more than one step).
+MOST_READINGS, MIN_GONE = 2000, 0.1
+#: Parts of a recording in each of which an input has to change before its clock is compared with the outputs'.
+PARTS = 3
+#: Most held parameters that are looked at.
+MOST_HELD = 20
 
 
 @dataclass(frozen=True)
@@ -65,13 +82,12 @@ def with_misread_finding(
     """Return the fit with a finding of its data where it is poor, and good with the data read in another way."""
     data = fit.calibration.data
     structured = any(n.model_error or n.kind == "ou" for n in fit.noise.values())
-    if not structured or fit.calibration.simulated.process is not None:
+    if not structured or fit.calibration.process is not None:
         return fit
     tried: list[tuple[float, _Reading, Calibration]] = []
     poor = max(_shares(data, fit.fitted).values(), default=0.0) > POOR_SHARE
     readings = [r for r in _readings(fit) if poor or r.kind == "swap"]  # two channels may be nearly alike
-    others = map(_with_values, other_values(fit, open_simulator))
-    for reading in (*readings, *map(_clock, misalignments(fit)), *others):
+    for reading in (*readings, *_clocks(fit), *_other_values(fit, open_simulator)):
         with suppress(InputError, CannotFinishError):
             calibration = reading.calibrated(calibrated([reading.recorded(r) for r in data.recordings]))
             calibration = replace(calibration, data=calibration.data.thinned(SAMPLES))
@@ -171,16 +187,6 @@ def _timed(factor: float, recording: Recording) -> Recording:
     return replace(recording, time=factor * recording.time, sha256="")
 
 
-def _clock(found: Misalignment) -> _Reading:
-    """Return the reading with outputs on the inputs' clock."""
-    return _Reading("clock", found.output, found.what, found.done, calibrated=found.aligned)
-
-
-def _with_values(found: OtherValues) -> _Reading:
-    """Return the reading with other values of parameters."""
-    return _Reading("value", found.names, found.what, found.done, calibrated=found.applied)
-
-
 def _change(fit: Fit, again: Fit) -> dict[str, tuple[float, float]]:
     """Compute RMS residuals before and after, in the unit of the output, which reading may have changed."""
     before, after = _shares(fit.calibration.data, fit.fitted), _shares(again.calibration.data, again.fitted)
@@ -214,3 +220,187 @@ def _shares(data: MeasuredData, outputs: Sequence[FloatArray]) -> dict[str, floa
         if seen.any() and (size := float(np.std(read[seen]))) > 0.0:
             shares[name] = float(np.sqrt(np.mean(left[seen] ** 2))) / size
     return shares
+
+
+def _clocks(fit: Fit) -> list[_Reading]:
+    """List outputs that are ahead, and clocks that are off, where the squares of an output fall: the best first."""
+    data = fit.calibration.data
+    if not any(e.inputs for e in data.experiments):
+        return []
+    interval = min(data.intervals)
+    found: list[tuple[float, str, float, int]] = []  # share of the squares, output (empty: all), rate, samples ahead
+    own_clocks = {o: {k for k, s in enumerate(fit.series) if s.output == o} for o in data.outputs}
+    for output, own in own_clocks.items():
+        found += [(_left(fit, 0.0, n * interval, own), output, 0.0, n) for n in range(1, MAX_AHEAD + 1)]
+    if _inputs_keep_changing(fit):
+        every = {"": set(range(len(fit.series)))}
+        for output, moved in (every | own_clocks if len(own_clocks) > 1 else every).items():
+            rates = [(_left(fit, sign * rate, 0.0, moved), sign * rate) for rate in RATES for sign in (-1.0, 1.0)]
+            _, rate = min(rates)
+            finer = [(_left(fit, r, 0.0, moved), r) for r in (rate * np.linspace(0.8, 1.25, 19)).tolist()]
+            left, rate = min(finer)
+            found.append((left, output, rate, 0))
+    found.sort(key=lambda one: one[0])
+    likely = [one for one in found if one[0] < 1.0 - MIN_GONE]
+    early = {output for _, output, rate, _ in likely if not rate}
+    first = next((output for _, output, _, _ in likely if output in early), None)
+    # All shifts of an output: the step from a fit that has taken up much of a shift tells little of how large it is.
+    shifts = [one for one in found if not one[2] and one[1] == first]
+    chosen = [*shifts, *(one for one in likely if one[2])][:MOST_CLOCKS]
+    return [_clock(output, rate, samples, interval) for _, output, rate, samples in chosen]
+
+
+def _clock(output: str, rate: float, samples: int, interval: float) -> _Reading:
+    """Return the reading with outputs on the inputs' clock: one of them, or all (empty)."""
+    ahead = samples * interval
+    if rate:
+        side, whose = "slow" if rate > 0.0 else "fast", output or "the outputs"
+        what = f"The clock of {whose} looks {100.0 * abs(rate):.2g} % {side} beside that of the inputs: with one clock"
+        done = "Put both on one clock: each of two loggers has its own."
+    else:
+        what = f"{output} looks {ahead:.3g} s ({samples} samples) ahead of the inputs: moved back"
+        done = f"Shift its column, or let the fit do so by [fit] max_input_delay = -{1.5 * ahead:.2g}."
+    return _Reading("clock", output, what, done, calibrated=partial(_aligned, output, rate, ahead))
+
+
+def _aligned(output: str, rate: float, ahead: float, calibration: Calibration) -> Calibration:
+    """Return the calibration with inputs on the outputs' clock, or with an output's readings at their times."""
+    experiments = []
+    for e in calibration.data.experiments:
+        begin = e.time[0]
+        if not output:
+            moved = tuple(replace(s, time=begin + (s.time - begin) / (1.0 + rate)) for s in e.inputs)
+            experiments.append(replace(e, inputs=moved))
+            continue
+        assert e.measured is not None
+        measured, column = e.measured.copy(), e.outputs.index(output)
+        seen = np.isfinite(measured[:, column])
+        stamps = begin + (e.time[seen] - begin - ahead) / (1.0 + rate)
+        if seen.any():
+            values = measured[seen, column]
+            measured[seen, column] = np.interp(stamps, e.time[seen], values, left=np.nan, right=np.nan)
+        experiments.append(replace(e, measured=measured))
+    return replace(calibration, data=calibration.data.with_experiments(experiments))
+
+
+def _inputs_keep_changing(fit: Fit) -> bool:
+    """Return whether an input changes in each part of the longest recording."""
+    longest = max(fit.calibration.data.experiments, key=lambda e: float(e.time[-1] - e.time[0]))
+    edges = np.linspace(longest.time[0], longest.time[-1], PARTS + 1)
+    return any(np.all(np.histogram(s.time[1:][np.diff(s.values) != 0.0], edges)[0] > 0) for s in longest.inputs)
+
+
+def _left(fit: Fit, rate: float, ahead: float, moved: set[int]) -> float:
+    """Compute the share of an output's squares that is left at best, with some series at other times.
+
+    The parameters take one Newton step of least squares."""
+    slopes, predicted = fit.optimum.evaluation.slopes, fit.optimum.evaluation.predicted
+    assert slopes is not None
+    rows, columns = [], []
+    for k, series in enumerate(fit.series):
+        every = -(-series.sampling.size // MOST_READINGS)
+        time = series.sampling.time
+        at = time[::every]
+        if k in moved:
+            at = time[0] + (at - time[0]) * (1.0 + rate) + ahead
+        sd = fit.noise[series.output].sd
+        rows.append((series.measured[::every] - np.interp(at, time, predicted[k])) / sd)
+        columns.append(np.array([np.interp(at, time, row) for row in slopes[k]]).reshape(len(slopes[k]), -1) / sd)
+    residual, design = np.concatenate(rows), np.concatenate(columns, axis=1)
+    after = np.split(_after_step(design, residual), np.cumsum([r.size for r in rows])[:-1])
+    # The present residual is of unit size in each output.
+    return min(
+        float(np.mean(np.concatenate([r for s, r in zip(fit.series, after, strict=True) if s.output == o]) ** 2))
+        for o in {s.output for s in fit.series}
+    )
+
+
+def _after_step(design: FloatArray, residual: FloatArray) -> FloatArray:
+    """Return what one Newton step of least squares along rows of slopes (k, n) leaves of a residual (n,)."""
+    step = np.linalg.lstsq(design.T, residual, rcond=1e-8)[0] if len(design) else np.zeros(0)
+    return np.asarray(residual - step @ design)
+
+
+def _other_values(fit: Fit, open_simulator: OpenSimulator) -> list[_Reading]:
+    """List changes of values that leave least of the squares, the best of each kind first."""
+    calibration, count = fit.calibration, len(fit.calibration.parameters)
+    items, held = calibration.parameters.items, _held(fit.calibration)
+    whole = _searched(calibration, held, held)
+    with open_simulator(whole.problem()) as simulator:
+        at = whole.parameters.to_search(np.concatenate([fit.values, [p.start for p in held]]))
+        run = Objective(whole, simulator).evaluate(at, [*fit.free, *range(count, count + len(held))])
+    if run is None or run.slopes is None:
+        return []
+    sd = [fit.noise[s.output].sd for s in fit.series]
+    residual = np.concatenate([r / size for r, size in zip(run.residual, sd, strict=True)])
+    slopes = np.concatenate([rows / size for rows, size in zip(run.slopes, sd, strict=True)], axis=1)
+    whose = [calibration.data.recordings[s.experiment] for s in fit.series]
+    names = [r.part_of or r.name for r in whose]
+    runs = np.repeat([sorted(set(names)).index(name) for name in names], [s.sampling.size for s in fit.series])
+
+    def left(extra: FloatArray) -> float:
+        rest = _after_step(np.vstack([slopes[: len(fit.free)], extra]), residual)
+        return float(rest @ rest)
+
+    columns = {(p,): len(fit.free) + k for k, p in enumerate(held)}
+    tried = [(left(slopes[k : k + 1]), _freed(one)) for one, k in columns.items()]
+    given = [k for k, p in enumerate(held) if p.name in calibration.fixed]
+    if len(given) > 1:
+        tried.append((left(slopes[[len(fit.free) + k for k in given]]), _freed(tuple(held[k] for k in given))))
+    own = []
+    if len(set(names)) > 1:
+        splits = [(k, _split(one, True)) for one, k in columns.items()]
+        splits += [(k, _split((items[j],), False)) for k, j in enumerate(fit.free) if _is_shared(items[j])]
+        own = [(left((runs == np.unique(runs)[:, None]) * slopes[k]), one) for k, one in splits]
+    return [one for kind in (tried, own) for _, one in sorted(kind, key=lambda pair: pair[0])[:MAX_TRIED]]
+
+
+def _freed(held: tuple[Parameter, ...]) -> _Reading:
+    """Return the reading with parameters fitted that were held."""
+    names, alone = join_names([p.name for p in held]), len(held) == 1
+    what = f"{names} is held at a value" if alone else f"{names} are held at values"
+    what = f"{what} that may be wrong: with {'it' if alone else 'these'} fitted, too"
+    done = f"Fit {'it by' if alone else 'them, as by'} [parameters] {held[0].name} = {{free = true}}."
+    return _Reading("value", names, what, done, calibrated=partial(_with_values, held, False))
+
+
+def _split(parameter: tuple[Parameter], held: bool) -> _Reading:
+    """Return the reading with a value of a parameter in each recording."""
+    name = parameter[0].name
+    what = f"{name} seems to differ from recording to recording: with a value of its own in each"
+    fitted = f"by [parameters] {name} = {{free = true, per_recording = true}}"
+    done = f"If it is known, give value = {{NAME = ...}}; else fit it {fitted}." if held else f"Fit it {fitted}."
+    return _Reading("value", name, what, done, calibrated=partial(_with_values, parameter, True))
+
+
+def _with_values(parameters: tuple[Parameter, ...], by_recording: bool, calibration: Calibration) -> Calibration:
+    """Return the calibration with some parameters searched, each for all recordings or by recording."""
+    new = tuple(replace(p, per_recording=by_recording) for p in parameters)
+    own = for_recordings(ParameterSet(new), calibration.model, calibration.data.recordings)
+    return _searched(calibration, own.items, new)
+
+
+def _searched(calibration: Calibration, new: Sequence[Parameter], replaced: Sequence[Parameter]) -> Calibration:
+    """Return the calibration with new parameters in the place of some, fixed or free."""
+    names = {p.name for p in replaced}
+    kept = tuple(p for p in calibration.parameters if p.name not in names)
+    fixed = {n: v for n, v in calibration.fixed.items() if n not in names}
+    return replace(calibration, parameters=ParameterSet((*kept, *new)), fixed=fixed)
+
+
+def _is_shared(p: Parameter) -> bool:
+    return p.recording is None and isinstance(p.target, ParameterTarget)
+
+
+def _held(calibration: Calibration) -> list[Parameter]:
+    """Return parameters of the model that are held at a value, those first that the user gave one."""
+    fixed, model = calibration.fixed, calibration.model
+    searched = {p.target.name for p in calibration.parameters if isinstance(p.target, ParameterTarget)}
+    found: list[Parameter] = []
+    for name in dict.fromkeys([*fixed, *(v.name for v in model.parameters)]):
+        value = fixed.get(name, model.parameter(name).start)
+        if name not in searched and value and len(found) < MOST_HELD:
+            with suppress(InputError):
+                (one,) = parameters_from_model(model, [name])
+                found += [replace(one, start=value)] if one.lower <= value <= one.upper else []
+    return found

@@ -16,14 +16,13 @@ import numpy as np
 
 from aero_bayes.arrays import FloatArray
 from aero_bayes.errors import CannotFinishError
-from aero_bayes.estimate.gaussian import unlimited_sd
 from aero_bayes.estimate.global_search import GlobalSearch
 from aero_bayes.estimate.levenberg_marquardt import Stop
-from aero_bayes.estimate.local_fit import Optimum, local_fit
+from aero_bayes.estimate.local_fit import Optimum, local_fit, unlimited_sd
+from aero_bayes.estimate.noise import residual_correlation_time
 from aero_bayes.estimate.objective import Objective
 from aero_bayes.estimate.parameters import Parameter
 from aero_bayes.estimate.swarm import SwarmResult
-from aero_bayes.estimate.whiteness import residual_correlation_time
 
 #: Least probability, beside the reported optimum, of another one that is told.
 MIN_MODE_SHARE = 0.02
@@ -115,9 +114,7 @@ def _images(objective: Objective, here: Optimum) -> list[FloatArray]:
     if not found:
         return []
     points = parameters.to_search(np.array(found[:MAX_IMAGES]))
-    level = [
-        -np.inf if f is None else objective.whiten(f, here.noise).log_likelihood for f in objective.residuals(points)
-    ]
+    level = objective.levels(points, here.noise)
     order = np.argsort(level)[::-1][:MAX_REFINED]
     return [points[k] for k in order if math.isfinite(level[k])]
 
@@ -155,13 +152,7 @@ def is_another(objective: Objective, known: Sequence[Optimum], end: Optimum) -> 
         if np.max(np.abs(end.coordinates - other.coordinates)[columns] / sd) < MIN_DISTANCE:
             return False
         way = np.array([other.coordinates + t * (end.coordinates - other.coordinates) for t in ON_THE_WAY])
-        between = _levels(objective, other, way)
+        between = objective.levels(way, other.noise)
         if min(between) > min(other.log_likelihood, end.log_likelihood) - MIN_BARRIER * likelihood_temperature(other):
             return False
     return bool(end.reason.converged or end.reason is Stop.NO_PROGRESS)
-
-
-def _levels(objective: Objective, at: Optimum, points: FloatArray) -> list[float]:
-    """Compute the log-likelihood of points (n, p) under the noise of an optimum; minus infinity where a run fails."""
-    found = objective.residuals(points)
-    return [-np.inf if f is None else objective.whiten(f, at.noise).log_likelihood for f in found]

@@ -1,10 +1,10 @@
-"""The likelihood with process noise: a filter predicts each reading from those before it."""
+"""The likelihood of a calibration: its residuals, whitened; with process noise those of a filter."""
 
 from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar, cast
 
 import numpy as np
@@ -104,7 +104,7 @@ class Objective:
         outcomes: Counter[Outcome] | None = None,
         result_cache: ResultCache | None = None,
     ) -> None:
-        if (calibration.simulated.process is not None) != self.filters:
+        if (calibration.process is not None) != self.filters:
             raise TypeError("process noise needs a FilterObjective, and only that: use objective_of")
         self.calibration, self.simulator, self.result_cache = calibration, simulator, result_cache
         self.parameters = calibration.parameters
@@ -189,32 +189,32 @@ class Objective:
         found = self.simulate(values[np.newaxis, :], active=list(active) if active is not None else None)
         if np.any(found.outcomes[0] != Outcome.OK):
             return None
-        scale = self.parameters.jacobian(values)[list(active)] if active is not None else None
-        predicted, residual, slopes = [], [], []
-        for series in self.series:
-            index = series.sampling.index
-            y = found.outputs[series.experiment][0, index, series.column]
-            predicted.append(y)
-            residual.append(series.measured - y)
-            if scale is not None:
-                assert found.sensitivities is not None
-                by = found.sensitivities[series.experiment][0, :, series.column, :][index]
-                slopes.append(np.ascontiguousarray(by.T) * scale[:, np.newaxis])
-        return Evaluation(tuple(predicted), tuple(residual), tuple(slopes) if scale is not None else None)
+        slopes = None
+        if active is not None:
+            assert found.sensitivities is not None
+            scale = self.parameters.jacobian(values)[list(active)][:, np.newaxis]
+            by = [found.sensitivities[s.experiment][0, s.sampling.index, s.column, :] for s in self.series]
+            slopes = tuple(np.ascontiguousarray(rows.T) * scale for rows in by)
+        return self._evaluation([y[0] for y in found.outputs], slopes)
+
+    def _evaluation(self, outputs: Sequence[FloatArray], slopes: tuple[FloatArray, ...] | None = None) -> Evaluation:
+        """Compare outputs (n, m) of each experiment with the readings."""
+        predicted = tuple(outputs[s.experiment][s.sampling.index, s.column] for s in self.series)
+        residual = tuple(s.measured - y for s, y in zip(self.series, predicted, strict=True))
+        return Evaluation(predicted, residual, slopes)
 
     def residuals(self, coordinates: FloatArray) -> list[Evaluation | None]:
         """Compare several parameter vectors (rows) with the data, without slopes; None where one failed."""
         found = self.simulate(self.parameters.from_search(coordinates))
         return [
-            self._residual([found.outputs[s.experiment][k, s.sampling.index, s.column] for s in self.series])
-            if np.all(found.outcomes[k] == Outcome.OK)
-            else None
+            self._evaluation([y[k] for y in found.outputs]) if np.all(found.outcomes[k] == Outcome.OK) else None
             for k in range(len(coordinates))
         ]
 
-    def _residual(self, predicted: Sequence[FloatArray]) -> Evaluation:
-        residual = tuple(s.measured - y for s, y in zip(self.series, predicted, strict=True))
-        return Evaluation(tuple(predicted), residual, None)
+    def levels(self, coordinates: FloatArray, noise: Mapping[str, OutputNoise]) -> list[float]:
+        """Compute the log-likelihood of parameter vectors (rows) under some noise; minus infinity where one failed."""
+        found = self.residuals(coordinates)
+        return [-np.inf if one is None else self.whiten(one, noise).log_likelihood for one in found]
 
     def whiten(self, found: Evaluation, noise: Mapping[str, OutputNoise]) -> Whitened:
         """Whiten residual and sensitivities by the noise of each output."""
@@ -305,7 +305,7 @@ def objective_of(
     calibration: Calibration, simulator: Simulator, *, result_cache: ResultCache | None = None
 ) -> Objective:
     """Compare a calibration with its recordings, by a filter where it has process noise."""
-    kind = Objective if calibration.simulated.process is None else FilterObjective
+    kind = Objective if calibration.process is None else FilterObjective
     return kind(calibration, simulator, result_cache=result_cache)
 
 
@@ -321,20 +321,17 @@ class FilterObjective(Objective):
         if np.any(found.outcomes[0] != Outcome.OK):
             return None
         scale = self.parameters.jacobian(values)[columns][:, np.newaxis]
-        predicted, sd, slopes, log_sd_slopes = [], [], [], []
+        sd, slopes, log_sd_slopes = [], [], []
         for s in self.series:
             variance = found.variance[s.experiment][0, s.sampling.index, s.column]
             by, variance_by = (a[s.experiment][0, s.sampling.index, s.column].T for a in (
                 found.predicted_slopes, found.variance_slopes
             ))  # fmt: skip
-            predicted.append(found.predicted[s.experiment][0, s.sampling.index, s.column])
             sd.append(np.sqrt(variance))
             slopes.append(by * scale)
             log_sd_slopes.append(variance_by * scale / (2.0 * variance))
-        residual = tuple(s.measured - y for s, y in zip(self.series, predicted, strict=True))
-        if active is None:
-            return Evaluation(tuple(predicted), residual, None, tuple(sd))
-        return Evaluation(tuple(predicted), residual, tuple(slopes), tuple(sd), tuple(log_sd_slopes))
+        plain = replace(self._evaluation([y[0] for y in found.predicted]), sd=tuple(sd))
+        return plain if active is None else replace(plain, slopes=tuple(slopes), log_sd_slopes=tuple(log_sd_slopes))
 
     def residuals(self, coordinates: FloatArray) -> list[Evaluation | None]:
         return [self.evaluate(row) for row in coordinates]

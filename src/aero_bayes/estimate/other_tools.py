@@ -14,16 +14,14 @@ import numpy as np
 from aero_bayes.arrays import FloatArray
 from aero_bayes.display import with_unit
 from aero_bayes.errors import InputError
-from aero_bayes.estimate.calibrated_model import CalibratedModel, calibrated_model
+from aero_bayes.estimate.calibrated_model import CalibratedModel, ListedValue, calibrated_model, value_text, values_text
 from aero_bayes.estimate.calibration import Calibration
-from aero_bayes.estimate.identifiability import Estimate, Status
+from aero_bayes.estimate.identifiability import Estimate
 from aero_bayes.estimate.initial_states import DIFFUSION_PREFIX
 from aero_bayes.estimate.laplace import Laplace
-from aero_bayes.estimate.listed_values import ListedValue, value_text, values_text
 from aero_bayes.estimate.measured_data import MeasuredData
-from aero_bayes.estimate.noise import OutputNoise
+from aero_bayes.estimate.noise import OutputNoise, block_variance_ratio
 from aero_bayes.estimate.prediction import FittedResult
-from aero_bayes.estimate.whiteness import block_variance_ratio
 from aero_bayes.files import whole_file, write_whole
 from aero_bayes.plain import plain
 from aero_bayes.simulation.interface import ParameterTarget, ProcessNoise, StartTarget
@@ -120,10 +118,8 @@ def chosen_estimates(trials: Sequence[ValueTrial]) -> dict[str, Estimate]:
     table = {}
     for name, value in trials[0].values.items() if trials else ():
         tried = ", ".join(dict.fromkeys(value_text(t.values[name]) for t in trials))
-        number = trials[0].numbers[name]
-        table[name] = Estimate(
-            name, number, None, None, None, None, "", Status.FIXED, note=f"{value_text(value)}: likeliest of {tried}"
-        )
+        told = f"{value_text(value)}: likeliest of {tried}"
+        table[name] = Estimate.held(name, trials[0].numbers[name], "", told)
     return table
 
 
@@ -296,7 +292,7 @@ class OtherTools(FittedResult):
         lines = [f"// {line}" for line in self._about()]
         lines += [f'openModel("{file.as_posix()}");' for file in files] + [f'translateModel("{name}");']
         units = calibration.model.units
-        given = [(held, value, units.get(held, "")) for held, value in calibration.simulated.fixed.items()]
+        given = [(held, value, units.get(held, "")) for held, value in calibration.fixed.items()]
         for p, value in zip(calibration.parameters, self.values.tolist(), strict=True):
             if isinstance(p.target, ParameterTarget | StartTarget) and p.acts_in(0):
                 told = p.target.name if isinstance(p.target, ParameterTarget) else p.target.state

@@ -252,7 +252,7 @@ class FittedPredictor:
         recording = as_recording(inputs, calibration)
         values = np.tile(self.values, (len(points), 1))
         values[:, list(self.free)] = points[:, : len(self.free)]
-        run = run_filter if calibration.simulated.process is not None else run_problem
+        run = run_filter if calibration.process is not None else run_problem
         found = run(calibration, recording, values, workers=workers, engine=self.engine)
         good = found.outcomes[:, 0] == Outcome.OK
         if not good.any():

@@ -1,8 +1,9 @@
-"""Propose the experiment that reduces the uncertainty of weakly identified parameters most.
+"""Propose the experiment that narrows weakly identified parameters most, or separates two models of one rig.
 
 The expected posterior of a design is Gaussian: what is known already plus the Fisher information of the new recording
 (Fedorov, 1972; Ljung, 1999, chapter 13), evaluated where the fit stands. What it is worth is the mean logarithm of
-the standard deviations it leaves over those there are.
+the standard deviations it leaves over those there are; or how far the outputs of two models are apart, less what the
+parameters of one can follow of the other.
 """
 
 from __future__ import annotations
@@ -19,10 +20,11 @@ from aero_bayes.display import table_html
 from aero_bayes.errors import CannotFinishError, InputError
 from aero_bayes.estimate.identifiability import Status
 from aero_bayes.estimate.information import ExperimentPredictor, Limits, PredictedExperiment, posterior_sd
+from aero_bayes.estimate.parameters import ParameterSet
 from aero_bayes.estimate.result import Fit, HasFit, fit_of
-from aero_bayes.estimate.signal_search import SearchSettings, best_signals
+from aero_bayes.estimate.signal_search import Score, SearchSettings, best_signals
 from aero_bayes.files import write_whole
-from aero_bayes.progress import Progress, Watched, watching
+from aero_bayes.progress import Progress, watching
 from aero_bayes.simulation.workers import WorkerPool
 
 #: Families whose name is not what one calls their signals.
@@ -30,22 +32,30 @@ SIGNAL_PHRASES = {
     "binary": "a binary sequence", "square wave": "a square wave", "step and release": "a step and its release",
     "multi-sine": "a sum of sines", "chirp": "a chirp",
 }  # fmt: skip
+#: Posterior draws over which the proposal's travel must stay within its limit.
+TRAVEL_DRAWS = 16
+#: Share of the travel that the search may use at the fitted values, the rest being for what is not known.
+TRAVEL_SHARE = 0.9
 
 
 @dataclass(frozen=True, eq=False)
-class ProposedInput:
-    """An input by name; ``time`` (n,) in s and ``values`` (n,) in its unit, each held; the ``family`` it is of."""
+class Proposal:
+    """A proposed experiment: an input by name, at ``time`` (n,) in s its ``values`` (n,) in its unit, each held.
+
+    ``families`` has the best score of each kind of signal, the chosen kind first; ``travel`` the largest absolute value
+    of each output that has a limit."""
 
     input: str
     time: FloatArray
     values: FloatArray
-    family: str
+    families: Mapping[str, float]
+    travel: Mapping[str, float]
+    limits: Limits
+    seed: int
 
     @property
-    def table(self) -> dict[str, FloatArray]:
-        """Times (k,) at which the input changes, and its values (k,) from then on."""
-        changes = np.flatnonzero(np.diff(self.values, prepend=np.nan) != 0.0)
-        return {"time": self.time[changes], self.input: self.values[changes]}
+    def family(self) -> str:
+        return next(iter(self.families))
 
     @property
     def duration(self) -> float:
@@ -57,23 +67,23 @@ class ProposedInput:
         """Length and kind of the signal."""
         return f"{self.duration:g} s of {SIGNAL_PHRASES.get(self.family, self.family)}"
 
+    @property
+    def table(self) -> dict[str, FloatArray]:
+        """Times (k,) at which the input changes, and its values (k,) from then on."""
+        at = np.flatnonzero(np.diff(self.values, prepend=np.nan) != 0.0)
+        return {"time": self.time[at], self.input: self.values[at]}
+
     def write_csv(self, path: Path | str) -> Path:
         """Write ``time`` and the input at every sample, as a recording has them; whole or not at all."""
         rows = [f"time,{self.input}"] + [f"{t:.9g},{v:.6g}" for t, v in zip(self.time, self.values, strict=True)]
         return write_whole(Path(path), "\n".join(rows) + "\n")
 
 
-#: Posterior draws over which the proposal's travel must stay within its limit.
-TRAVEL_DRAWS = 16
-#: Share of the travel that the search may use at the fitted values, the rest being for what is not known.
-TRAVEL_SHARE = 0.9
-
-
 @dataclass(frozen=True)
 class ExpectedParameter:
-    """What a parameter's standard deviation is, and would be: SI units, and as a share of the value.
+    """What a parameter's standard deviation is, and would be, in SI units.
 
-    ``repeated`` is what as long a recording of the present input would leave."""
+    ``sd_repeated`` is what as long a recording of the present input would leave."""
 
     JSON_KEYS: ClassVar = "value unit sd_before sd_after sd_repeated gain target"
 
@@ -92,18 +102,16 @@ class ExpectedParameter:
 
 
 @dataclass(frozen=True, eq=False)
-class Design(ProposedInput):
-    """A proposed experiment."""
+class Design(Proposal):
+    """A proposed experiment that narrows parameters."""
 
-    JSON_KEYS: ClassVar = "input family families duration rate_hz gain travel limits seed unit parameters table"
+    JSON_KEYS: ClassVar = "input family families duration rate_hz gain travel limits seed parameters table"
 
-    families: Mapping[str, float]
     expected: tuple[ExpectedParameter, ...]
-    travel: Mapping[str, float]
-    limits: Limits
-    rate_hz: float
-    seed: int
-    unit: str = ""
+
+    @property
+    def rate_hz(self) -> float:
+        return float(1.0 / (self.time[1] - self.time[0]))
 
     @property
     def targets(self) -> tuple[str, ...]:
@@ -131,6 +139,24 @@ class Design(ProposedInput):
         ]  # fmt: skip
         head = ("parameter", "value", "unit", "sd now", "sd after", "times narrower")
         return table_html(head, rows, f"next experiment: {self.family}, {self.time[-1]:g} s, * aimed at")
+
+
+@dataclass(frozen=True, eq=False)
+class Separation(Proposal):
+    """A proposed experiment that separates two models.
+
+    ``first_true`` and ``second_true`` are expected differences in log-evidence in favour of the true one; below about
+    three, the experiment is not worth making. ``families`` has the best such difference of each kind of signal."""
+
+    JSON_KEYS: ClassVar = "input family families duration log_evidence first_true second_true travel limits seed table"
+
+    first_true: float
+    second_true: float
+
+    @property
+    def log_evidence(self) -> float:
+        """Expected difference in log-evidence, whichever model is true."""
+        return min(self.first_true, self.second_true)
 
 
 def propose_experiment(
@@ -183,49 +209,112 @@ def propose_experiment(
     """
     fit = fit_of(fit)
     limits, settings = limits or default_limits(fit), settings or SearchSettings()
-    time = experiment_times(fit, duration, rate_hz)
-    with WorkerPool(workers) as pool, watching(progress) as watched:
+    time = _sample_times(fit, duration, rate_hz)
+    with WorkerPool(workers) as pool:
         predictor = ExperimentPredictor(fit, time, limits, settings.engine, workers, pool)
-        return _best_design(fit, predictor, time, targets, settings, watched)
+        return _narrowing(predictor, _targets(fit, predictor.shared, targets), settings, progress)
 
 
-def _best_design(
-    fit: Fit,
-    predictor: ExperimentPredictor,
-    time: FloatArray,
-    targets: Sequence[str] | None,
-    settings: SearchSettings,
-    watched: Watched,
+def _narrowing(
+    predictor: ExperimentPredictor, aimed: list[int], settings: SearchSettings, progress: Progress | None
 ) -> Design:
-    """Search over times (n,) in s for the best input, and keep it within its limits."""
-    rng, amplifier = np.random.default_rng(settings.seed), predictor.limits.amplifier
-    aimed, known = _targets(fit, predictor, targets), predictor.precision()
+    """Search for the input that narrows some of the shared parameters, by their places."""
+    known = predictor.precision()
     before = posterior_sd(known)
 
     def score(signals: Sequence[FloatArray]) -> FloatArray:
-        predicted = predictor.predict([amplifier * s for s in signals])
-        return np.array([_score(p, known, before, aimed, predictor.limits) for p in predicted])
+        """Compute the mean logarithm of the targets' standard deviations after over before."""
+        predicted = predictor.predict([predictor.limits.amplifier * s for s in signals])
+        spreads = [
+            posterior_sd(known + p.information) if p and _allowed(p, predictor.limits) else None for p in predicted
+        ]
+        return np.array([np.inf if sd is None else float(np.mean(np.log(sd[aimed] / before[aimed]))) for sd in spreads])
 
-    found = best_signals(score, time, rng, settings, watched)
-    if not np.isfinite(found[0].score):
-        raise CannotFinishError("no candidate experiment stays within the travel; allow more of it")
-    values, travel = within_travel(predictor, amplifier * found[0].values, rng)
-    proposed, same = predictor.predict([values, _present(fit, predictor, time)])
+    families, values, travel = _best_input((predictor,), score, settings, progress)
+    proposed, same = predictor.predict([values, _present(predictor)])
     if proposed is None:
         raise CannotFinishError("the proposed experiment could not be simulated")
     after = posterior_sd(known + proposed.information)
-    repeated = posterior_sd(known + same.information) if same is not None else np.full(after.shape, np.nan)
-    slope = predictor.shared.jacobian(predictor.values)
-    rows = np.stack([predictor.values, before * slope, after * slope, repeated * slope], axis=1).tolist()
+    repeated = np.full(after.shape, np.nan) if same is None else posterior_sd(known + same.information)
+    spreads = np.stack([before, after, repeated], axis=1) * predictor.shared.jacobian(predictor.values)[:, None]
     expected = tuple(
-        ExpectedParameter(item.name, item.unit, value, now, later, again, j in aimed)
-        for j, (item, (value, now, later, again)) in enumerate(zip(predictor.shared, rows, strict=True))
+        ExpectedParameter(p.name, p.unit, value, *sds, j in aimed)
+        for j, (p, value, sds) in enumerate(
+            zip(predictor.shared, predictor.values.tolist(), spreads.tolist(), strict=True)
+        )
     )
     return Design(
-        predictor.input, time, values, found[0].family.name, {f.family.name: f.score for f in found}, expected, travel,
-        predictor.limits, float(1.0 / (time[1] - time[0])), settings.seed,
-        fit.calibration.model.units[predictor.input],
-    )  # fmt: skip
+        predictor.input, predictor.full_time, values, families, travel, predictor.limits, settings.seed, expected
+    )
+
+
+def separating_experiment(
+    first: Fit,
+    second: Fit,
+    *,
+    duration: float = 30.0,
+    rate_hz: float | None = None,
+    limits: Limits | None = None,
+    settings: SearchSettings | None = None,
+    workers: int | None = None,
+    progress: Progress | None = None,
+) -> Separation:
+    """Return the input signal within given limits that separates two models of one rig best."""
+    if first.outputs != second.outputs:
+        raise InputError(f"the two fits are of different outputs: {first.outputs} and {second.outputs}")
+    limits, settings = limits or default_limits(first), settings or SearchSettings()
+    time = _sample_times(first, duration, rate_hz)
+    with WorkerPool(workers) as pool:
+        a, b = (ExperimentPredictor(fit, time, limits, settings.engine, workers, pool) for fit in (first, second))
+        known = (a.precision(), b.precision())
+
+        def both(signals: Sequence[FloatArray]) -> list[tuple[float, float]]:
+            """Compute the expected log-evidence for each model if it is true; minus infinity out of travel."""
+            return [
+                (
+                    _unexplained(b, known[1], p.outputs - q.outputs, q),
+                    _unexplained(a, known[0], q.outputs - p.outputs, p),
+                )
+                if p and q and _allowed(p, limits) and _allowed(q, limits)
+                else (-np.inf, -np.inf)
+                for p, q in zip(a.predict(signals), b.predict(signals), strict=True)
+            ]
+
+        def score(signals: Sequence[FloatArray]) -> FloatArray:
+            return -np.array([min(pair) for pair in both([limits.amplifier * s for s in signals])])
+
+        families, values, travel = _best_input((a, b), score, settings, progress)
+        gains = {name: -score for name, score in families.items()}
+        return Separation(a.input, time, values, gains, travel, limits, settings.seed, *both([values])[0])
+
+
+def _unexplained(
+    rival: ExperimentPredictor, known: FloatArray, difference: FloatArray, own: PredictedExperiment
+) -> float:
+    """Compute half the squared norm of a whitened difference (n, m), less the part that the other model can explain."""
+    columns = own.sensitivities if rival.delay is not None else own.sensitivities[:, :, :-1]
+    p = known.shape[0]
+    leeway = np.zeros((columns.shape[2],) * 2)
+    leeway[:p, :p] = known
+    if rival.delay is not None:
+        leeway[-1, -1] = rival.delay_precision
+    square = float(rival.gram(difference[:, :, None], difference[:, :, None])[0, 0])
+    follow = rival.gram(columns, difference[:, :, None])[:, 0]
+    moved = np.linalg.solve(rival.gram(columns, columns) + leeway, follow)
+    return 0.5 * max(square - float(follow @ moved), 0.0)
+
+
+def expected_outputs(
+    proposal: Proposal, fit: Fit, settings: SearchSettings, workers: int | None
+) -> dict[str, FloatArray]:
+    """Return what a fit expects of a proposal, without sensor noise: 5 %, 50 % and 95 % (3, n) over its posterior."""
+    predictor = ExperimentPredictor(fit, proposal.time, proposal.limits, settings.engine, workers)
+    runs = predictor.runs(proposal.values, predictor.draws(40, np.random.default_rng(settings.seed)), proposal.time)
+    usable = runs.outputs[0][runs.outcomes[:, 0] == 0]
+    if not len(usable):
+        raise CannotFinishError("the proposed experiment could not be simulated")
+    bands = np.quantile(usable, (0.05, 0.5, 0.95), axis=0)
+    return {output: bands[:, :, k] for k, output in enumerate(predictor.outputs)}
 
 
 def default_limits(fit: Fit) -> Limits:
@@ -237,7 +326,7 @@ def default_limits(fit: Fit) -> Limits:
     return Limits(declared.input or largest or 1.0, {n: v for n, v in declared.travel.items() if n in known})
 
 
-def experiment_times(fit: Fit, duration: float, rate_hz: float | None) -> FloatArray:
+def _sample_times(fit: Fit, duration: float, rate_hz: float | None) -> FloatArray:
     """Return sample times of the new recording, shape (n,)."""
     if rate_hz is None:
         rate_hz = 1.0 / fit.calibration.data.intervals[0]
@@ -246,18 +335,37 @@ def experiment_times(fit: Fit, duration: float, rate_hz: float | None) -> FloatA
     return np.arange(round(duration * rate_hz) + 1) / rate_hz
 
 
-def within_travel(
+def _allowed(predicted: PredictedExperiment, limits: Limits) -> bool:
+    """Return whether an experiment keeps to the share of the travel that the search may use."""
+    return all(predicted.travel[n] <= TRAVEL_SHARE * limit for n, limit in limits.travel.items())
+
+
+def _best_input(
+    predictors: Sequence[ExperimentPredictor], score: Score, settings: SearchSettings, progress: Progress | None
+) -> tuple[dict[str, float], FloatArray, dict[str, float]]:
+    """Return the score of each kind of signal, best first; the best input, within the travel of all; and its travel."""
+    rng, limits = np.random.default_rng(settings.seed), predictors[0].limits
+    with watching(progress) as watched:
+        found = best_signals(score, predictors[0].full_time, rng, settings, watched)
+    if not np.isfinite(found[0].score):
+        raise CannotFinishError("no candidate experiment stays within the travel; allow more of it")
+    values, travel = limits.amplifier * found[0].values, dict.fromkeys(limits.travel, 0.0)
+    for predictor in predictors:
+        values, own = _within_travel(predictor, values, rng)
+        travel = {name: max(most, own[name]) for name, most in travel.items()}
+    return {f.family.name: f.score for f in found}, values, travel
+
+
+def _within_travel(
     predictor: ExperimentPredictor, values: FloatArray, rng: np.random.Generator
 ) -> tuple[FloatArray, dict[str, float]]:
     """Make the signal smaller until draws of what is known keep to the travel; return each output's largest, too."""
     draws = np.vstack([predictor.values, predictor.draws(TRAVEL_DRAWS, rng)])
-    rows = np.column_stack([draws, np.full(len(draws), predictor.delay_value)])
     for _ in range(30):
-        with predictor.open(predictor.problem([predictor.experiment(values)])) as simulator:
-            outputs = simulator.simulate(rows).outputs[0]
+        outputs = predictor.runs(values, draws).outputs[0]
         travel = {
             n: float(np.nanmax(np.abs(outputs[:, :, predictor.outputs.index(n)]), initial=0.0))
-            for n in predictor.limited
+            for n in predictor.limits.travel
         }
         excess = max((travel[n] / limit for n, limit in predictor.limits.travel.items()), default=0.0)
         if np.all(np.isfinite(outputs)) and excess <= 1.0:
@@ -266,34 +374,23 @@ def within_travel(
     raise CannotFinishError("the proposed experiment leaves the travel for some parameters that are still possible")
 
 
-def _targets(fit: Fit, predictor: ExperimentPredictor, targets: Sequence[str] | None) -> list[int]:
-    names = predictor.shared.names
+def _targets(fit: Fit, shared: ParameterSet, targets: Sequence[str] | None) -> list[int]:
+    """Return places among the shared parameters of those to narrow."""
+    names = shared.names
     if targets is not None:
         for name in targets:
             if name not in names:
                 raise InputError(f"{name} is no parameter of the fit; it has {', '.join(names)}")
         return [names.index(name) for name in targets]
-    sought = [
-        j for j, item in enumerate(predictor.shared) if not item.free_if_identified or item.name in fit.laplace.names
-    ]
+    sought = [j for j, item in enumerate(shared) if not item.free_if_identified or item.name in fit.laplace.names]
     table = fit.parameters
     return [j for j in sought if table[names[j]].status is not Status.IDENTIFIED] or sought
 
 
-def _score(
-    predicted: PredictedExperiment | None, known: FloatArray, before: FloatArray, aimed: list[int], limits: Limits
-) -> float:
-    """Compute the mean logarithm of the targets' standard deviations after over before; infinite beyond the travel."""
-    if predicted is None or any(predicted.travel[n] > TRAVEL_SHARE * limit for n, limit in limits.travel.items()):
-        return np.inf
-    after = posterior_sd(known + predicted.information)
-    return float(np.mean(np.log(after[aimed] / before[aimed])))
-
-
-def _present(fit: Fit, predictor: ExperimentPredictor, time: FloatArray) -> FloatArray:
+def _present(predictor: ExperimentPredictor) -> FloatArray:
     """Return the first recording's input, repeated over the new times."""
-    signal = fit.calibration.data.experiments[0].inputs[0]
-    span = fit.calibration.data.experiments[0].time
-    within = span[0] + np.mod(time, span[-1] - span[0])
+    experiment = predictor.fit.calibration.data.experiments[0]
+    signal, span = experiment.inputs[0], experiment.time
+    within = span[0] + np.mod(predictor.full_time, span[-1] - span[0])
     index = np.clip(np.searchsorted(signal.time, within, side="right") - 1, 0, signal.time.size - 1)
     return np.asarray(signal.values[index])

@@ -1,4 +1,4 @@
-"""The error of a model on each recording, fitted or not, judged by that recording's own noise."""
+"""Tests of a residual, and the error of a model on each recording, judged by that recording's own noise."""
 
 from __future__ import annotations
 
@@ -15,18 +15,18 @@ from aero_bayes.data.recording import Recording
 from aero_bayes.estimate.calibration import Calibration
 from aero_bayes.estimate.local_fit import Optimum
 from aero_bayes.estimate.measured_data import MeasuredData
-from aero_bayes.estimate.noise import OutputNoise
-from aero_bayes.estimate.noise_estimation import innovations, is_model_error, whiten
-from aero_bayes.estimate.objective import Series
-from aero_bayes.estimate.outliers import outlier_rows
-from aero_bayes.estimate.reading_spread import SpreadModel
-from aero_bayes.estimate.whiteness import (
+from aero_bayes.estimate.noise import (
     FALSE_ALARM_RATE,
+    OutputNoise,
     autocorrelation,
     correlation_p_value,
     is_rotor_speed,
     ripple_means,
 )
+from aero_bayes.estimate.noise_estimation import innovations, is_model_error, whiten
+from aero_bayes.estimate.objective import Series
+from aero_bayes.estimate.outliers import outlier_rows
+from aero_bayes.estimate.reading_spread import SpreadModel
 from aero_bayes.plain import picked
 from aero_bayes.simulation.interface import SolverSettings
 
@@ -39,24 +39,18 @@ ROUNDING_SHARE, SOLVER_SHARE = 1e-6, 1e-4
 MAX_FLOOR_RATIO = 2.0
 
 
-@dataclass(frozen=True)
-class StructureTest:
-    """A test of a residual: the probability that independent noise gives so large a chi-square statistic."""
-
-    name: str
-    p_value: float
-
-
 @dataclass(frozen=True, eq=False)
 class ResidualReport:
-    """The residual of one output of one recording; ``correlations`` are with inputs and fitted states."""
+    """The residual of one output of one recording; ``correlations`` are with inputs and fitted states.
+
+    ``tests`` has the probabilities that independent noise is as structured, by what was looked for."""
 
     recording: str
     output: str
     rms: float
     noise_floor: float | None
     noise: float
-    tests: tuple[StructureTest, ...]
+    tests: Mapping[str, float]
     correlations: Mapping[str, float]
     worst_time: tuple[float, float]
     worst_share: float
@@ -72,15 +66,19 @@ class ResidualReport:
     @property
     def p_value(self) -> float:
         """Smallest p-value of the tests, corrected for their number."""
-        return min(1.0, len(self.tests) * min((test.p_value for test in self.tests), default=1.0))
+        return _smallest(self.tests)
 
     def to_dict(self) -> dict[str, object]:
         """Return it as ``residual`` in result.json holds it."""
         return picked(
-            self, "rms noise_floor p_value verdict exact correlations worst_time worst_share",
+            self, "rms noise_floor p_value verdict exact correlations worst_time worst_share tests",
             ratio=None if self.noise_floor is None else self.ratio, white=self.p_value >= FALSE_ALARM_RATE,
-            tests={test.name: test.p_value for test in self.tests},
         )  # fmt: skip
+
+
+def _smallest(tests: Mapping[str, float]) -> float:
+    """Return the smallest p-value, corrected for their number."""
+    return min(1.0, len(tests) * min(tests.values(), default=1.0))
 
 
 def exact_level(solver: SolverSettings, series: Series) -> float:
@@ -103,37 +101,32 @@ def reports_by_recording(reports: Sequence[ResidualReport]) -> dict[str, dict[st
     return table
 
 
-def portmanteau_test(innovations: FloatArray, lags: int = 20) -> StructureTest:
-    """Test for autocorrelation up to ``lags``; the test holds its size when the variance changes over time."""
-    return StructureTest("autocorrelation", correlation_p_value(innovations, innovations, lags))
-
-
 def smooth_dependence_test(
-    name: str, over: FloatArray, innovations: FloatArray, series: Series, noise: OutputNoise, slopes: FloatArray
-) -> StructureTest:
+    over: FloatArray, innovations: FloatArray, series: Series, noise: OutputNoise, slopes: FloatArray
+) -> float:
     """Test for a smooth dependence of a residual on ``over`` (n,), such as a state or the time."""
     low, high = float(over.min()), float(over.max())
     if not high > low:
-        return StructureTest(name, 1.0)
+        return 1.0
     # Half of the weight of the knots is by rank, so that most of them are where the data are.
     knots = 0.5 * (np.linspace(low, high, 8) + np.quantile(over, np.linspace(0.0, 1.0, 8)))
     knots = knots[np.concatenate(([True], np.diff(knots) > 1e-6 * (high - low)))]
     basis = np.stack([np.interp(over, knots, row) for row in np.eye(knots.size)])
     rows, _ = whiten(basis, series.sampling, noise)
-    return _chi_square(name, rows, innovations, slopes)
+    return _chi_square(rows, innovations, slopes)
 
 
 def slow_variation_test(
     innovations: FloatArray, series: Series, noise: OutputNoise, slopes: FloatArray, waves: int = 12
-) -> StructureTest:
+) -> float:
     """Test for the ``waves`` slowest cosines over the recording."""
     n = innovations.size
     phase = np.pi * (np.arange(n) + 0.5) / n
     rows, _ = whiten(np.cos(np.outer(np.arange(1, waves + 1), phase)), series.sampling, noise)
-    return _chi_square("slow", rows, innovations, slopes)
+    return _chi_square(rows, innovations, slopes)
 
 
-def _chi_square(name: str, rows: FloatArray, innovations: FloatArray, slopes: FloatArray) -> StructureTest:
+def _chi_square(rows: FloatArray, innovations: FloatArray, slopes: FloatArray) -> float:
     if slopes.size:
         gram = slopes @ slopes.T
         gram[np.diag_indices_from(gram)] *= 1.0 + 1e-9
@@ -142,11 +135,11 @@ def _chi_square(name: str, rows: FloatArray, innovations: FloatArray, slopes: Fl
     norms = np.linalg.norm(rows, axis=1)
     rows = rows[norms > 1e-6 * max(float(norms.max(initial=0.0)), 1e-300)]
     if rows.size == 0:
-        return StructureTest(name, 1.0)
+        return 1.0
     values, vectors = np.linalg.eigh(rows @ rows.T)
     keep = values > 1e-6 * values[-1]
     scores = (vectors[:, keep].T @ (rows @ innovations)) / np.sqrt(values[keep])
-    return StructureTest(name, float(chdtrc(int(keep.sum()), float(scores @ scores))))
+    return float(chdtrc(int(keep.sum()), float(scores @ scores)))
 
 
 def check_residuals(
@@ -175,23 +168,23 @@ def check_residuals(
         turning = any(
             s.experiment == own.experiment and is_rotor_speed(s.measured, units.get(s.output, "")) for s in series
         )
-        tests = [
-            portmanteau_test(ripple_means(innovations, own.sampling.interval) if turning else innovations),
-            slow_variation_test(innovations, own, noise, white),
-        ]
-        tests += [smooth_dependence_test(name, over, innovations, own, noise, white) for name, over in states.items()]
+        means = ripple_means(innovations, own.sampling.interval) if turning else innovations
+        tests = {
+            "autocorrelation": correlation_p_value(means, means),
+            "slow": slow_variation_test(innovations, own, noise, white),
+            **{name: smooth_dependence_test(over, innovations, own, noise, white) for name, over in states.items()},
+        }
         rms = float(np.sqrt(np.mean(residual**2)))
-        worst = min(1.0, len(tests) * min(test.p_value for test in tests))
-        exact = rms <= exact_level(calibration.simulated.solver, own)
+        exact = rms <= exact_level(calibration.solver, own)
         beyond = floor is not None and rms > MAX_FLOOR_RATIO * max(floor, 1e-300)
         longest = max(s.sampling.duration for s in series if s.output == own.output)
         lasting = is_model_error(noise, longest)
-        structured = not exact and (worst < FALSE_ALARM_RATE or beyond or lasting)
+        structured = not exact and (_smallest(tests) < FALSE_ALARM_RATE or beyond or lasting)
         window, share = _worst_window(own.sampling.time, innovations)
         correlations = {name: _correlation(residual, over) for name, over in states.items()}
         reports.append(
             ResidualReport(
-                calibration.data.names[own.experiment], own.output, rms, floor, size, tuple(tests),
+                calibration.data.names[own.experiment], own.output, rms, floor, size, tests,
                 correlations, window, share, "structured" if structured else "adequate", exact,
             )
         )  # fmt: skip
@@ -336,6 +329,6 @@ def _whiteness(recording: Recording, output: str, residual: FloatArray, noise: O
     white = white[np.isfinite(white)]
     if is_rotor_speed(recording.outputs[output], recording.units.get(output, "")):
         white = ripple_means(white, float(np.median(np.diff(recording.time))))
-    p_value = portmanteau_test(white, LAGS).p_value
+    p_value = correlation_p_value(white, white, LAGS)
     seen = float(np.abs(autocorrelation(white, LAGS)[1:]).max(initial=0.0))
     return p_value, p_value < FALSE_ALARM_RATE and seen > MIN_CORRELATION

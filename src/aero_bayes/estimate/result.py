@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Protocol
@@ -15,11 +15,11 @@ from aero_bayes.arguments import require_type
 from aero_bayes.arrays import FloatArray
 from aero_bayes.data.recording import Recording
 from aero_bayes.display import with_unit
-from aero_bayes.estimate import cost as costs
 from aero_bayes.estimate.calibration import Calibration
-from aero_bayes.estimate.diagnosis import Diagnosis
+from aero_bayes.estimate.diagnosis import Diagnosis, diagnose
+from aero_bayes.estimate.global_search import StageReport
 from aero_bayes.estimate.identifiability import Estimate, Identifiability, estimates_html
-from aero_bayes.estimate.laplace import Laplace
+from aero_bayes.estimate.laplace import Laplace, band_factors, laplace_estimates
 from aero_bayes.estimate.levenberg_marquardt import FitSettings, Stop
 from aero_bayes.estimate.local_fit import Optimum
 from aero_bayes.estimate.modes import Mode, modes_sentence
@@ -35,7 +35,6 @@ from aero_bayes.estimate.other_tools import (
 )
 from aero_bayes.estimate.prediction import FittedPredictor
 from aero_bayes.estimate.simulate import simulate
-from aero_bayes.estimate.stage_report import StageReport, band_factors, laplace_estimates
 from aero_bayes.estimate.swarm import SwarmResult
 from aero_bayes.estimate.target import CurvatureAdjustment, JointTarget, NoiseLayout, Target
 from aero_bayes.figures import HasPage, describe_figure_parameters, drawn
@@ -47,6 +46,14 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 Json = dict[str, object]
+
+
+def rms_by_output(residuals: Sequence[FloatArray], outputs: Sequence[str]) -> dict[str, float]:
+    """Compute the root mean square of residuals (n, m) by output; outputs without readings are left out."""
+    squares = np.concatenate(list(residuals)) ** 2
+    count = np.isfinite(squares).sum(axis=0)
+    sizes = np.sqrt(np.nansum(squares, axis=0) / np.maximum(count, 1))
+    return {o: float(size) for o, size, n in zip(outputs, sizes, count, strict=True) if n}
 
 
 @dataclass(frozen=True, eq=False)
@@ -189,17 +196,18 @@ class Fit(OtherTools, HasPage):
     @property
     def cost_eq6(self) -> float:
         """Sum of squared errors (the paper's Eq. 6)."""
-        return costs.eq6(self.residuals)
+        return float(sum(np.nansum(r**2) for r in self.residuals))
 
     @property
     def rms(self) -> dict[str, float]:
         """Root mean square error by output over all recordings."""
-        return costs.rms_overall(self.residuals, self.outputs)
+        return rms_by_output(self.residuals, self.outputs)
 
     @property
     def rms_by_recording(self) -> Mapping[str, Mapping[str, float]]:
         """Root mean square error in the output's SI unit, by recording and output."""
-        return costs.rms_table(self.residuals, self.calibration.data.names, self.outputs)
+        pairs = zip(self.calibration.data.names, self.residuals, strict=True)
+        return {name: rms_by_output([residual], self.outputs) for name, residual in pairs}
 
     @property
     def bic(self) -> float:
@@ -230,8 +238,6 @@ class Fit(OtherTools, HasPage):
     @cached_property
     def diagnosis(self) -> Diagnosis:
         """What may be behind a residual that is not noise: data, solver, search, noise, model, in this order."""
-        from aero_bayes.estimate.diagnose import diagnose
-
         return diagnose(self)
 
     @property
@@ -261,7 +267,7 @@ class Fit(OtherTools, HasPage):
             {
                 "parameters": self.parameters,
                 "noise": self.noise_table(),
-                "process_noise": process_noise_table(self.calibration.simulated.process, self.parameters),
+                "process_noise": process_noise_table(self.calibration.process, self.parameters),
                 "sensors": self.sensors,
                 "fit": {
                     "cost_eq6": self.cost_eq6,

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from aero_bayes.arrays import FloatArray
+from aero_bayes.estimate.swarm import latin_hypercube
 from aero_bayes.progress import Progress, Watched
 from aero_bayes.simulation.interface import Engine
 
@@ -19,14 +20,11 @@ UPDATE_HZ = 20.0
 
 @dataclass(frozen=True)
 class SignalFamily:
-    """Signals of one kind: ``signal`` maps a point (``size``,) of the unit cube and times (n,) in s to values (n,).
-
-    ``jumps`` says that they are made of jumps, which a simulation takes in fewer steps."""
+    """Signals of one kind: ``signal`` maps a point (``size``,) of the unit cube and times (n,) in s to values (n,)."""
 
     name: str
     size: int
     signal: Callable[[FloatArray, FloatArray], FloatArray]
-    jumps: bool = True
 
 
 def _staircase_signal(u: FloatArray, time: FloatArray) -> FloatArray:
@@ -92,8 +90,8 @@ FAMILIES = (
     SignalFamily("binary", 4, _binary_signal),
     SignalFamily("square wave", 3, _square_signal),
     SignalFamily("step and release", 2, _release_signal),
-    SignalFamily("multi-sine", 5, _multi_sine_signal, jumps=False),
-    SignalFamily("chirp", 4, _chirp_signal, jumps=False),
+    SignalFamily("multi-sine", 5, _multi_sine_signal),
+    SignalFamily("chirp", 4, _chirp_signal),
 )
 
 
@@ -115,14 +113,13 @@ class BestSignal:
 class SearchSettings:
     """Effort: candidates a family at the start, rounds of refinement, candidates a round, how many families go on.
 
-    ``among`` are the families that are tried, ``engine`` is what simulates them."""
+    ``engine`` is what simulates them."""
 
     start: int = 16
     rounds: int = 6
     candidates: int = 12
     families: int = 2
     spread: float = 0.25
-    among: tuple[SignalFamily, ...] = FAMILIES
     seed: int = 1
     engine: Engine = "native"
 
@@ -139,10 +136,10 @@ def best_signals(
     A step's spread shrinks by half every other round; a family's best only ever improves. The search ends with what it
     has where ``progress`` returns True."""
     tell = Watched(progress)
-    steps = len(settings.among) + settings.rounds * settings.families
+    steps = len(FAMILIES) + settings.rounds * settings.families
     found = []
-    for k, family in enumerate(settings.among):
-        cube = _latin(settings.start, family.size, rng)
+    for k, family in enumerate(FAMILIES):
+        cube = latin_hypercube(settings.start, family.size, rng)
         found.append(_best(score, family, cube, time))
         if tell("candidates", (k + 1) / steps, family.name):
             break
@@ -155,7 +152,7 @@ def best_signals(
             again = _best(score, here.family, 1.0 - np.abs(1.0 - np.abs(moved) % 2.0), time)
             if again.score < here.score:
                 found[k] = again
-            if tell("candidates", (len(settings.among) + k * settings.rounds + turn + 1) / steps, here.family.name):
+            if tell("candidates", (len(FAMILIES) + k * settings.rounds + turn + 1) / steps, here.family.name):
                 break
     return sorted(found, key=lambda f: f.score)
 
@@ -165,9 +162,3 @@ def _best(score: Score, family: SignalFamily, cube: FloatArray, time: FloatArray
     scores = score(signals)
     best = int(np.argmin(scores))
     return BestSignal(family, cube[best], signals[best], float(scores[best]))
-
-
-def _latin(count: int, size: int, rng: np.random.Generator) -> FloatArray:
-    """Return a Latin hypercube, shape (count, size)."""
-    cells = np.stack([rng.permutation(count) for _ in range(size)], axis=1)
-    return np.asarray((cells + rng.random((count, size))) / count)

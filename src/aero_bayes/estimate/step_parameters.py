@@ -91,16 +91,8 @@ def _plateaus(objective: Objective, point: FloatArray, column: int) -> list[Floa
     return list(distinct.values())
 
 
-def _log_likelihood_at(objective: Objective, here: Optimum, point: FloatArray) -> float:
-    """Compute the log-likelihood of search coordinates (p,) under the noise of an optimum.
-
-    Minus infinity if a run fails."""
-    found = objective.evaluate(point)
-    return -np.inf if found is None else objective.whiten(found, here.noise).log_likelihood
-
-
 def _equal(objective: Objective, here: Optimum, point: FloatArray) -> bool:
-    return _log_likelihood_at(objective, here, point) >= here.whitened.log_likelihood - EQUAL_LIKELIHOOD
+    return objective.levels(point[None], here.noise)[0] >= here.whitened.log_likelihood - EQUAL_LIKELIHOOD
 
 
 def _plateau(objective: Objective, here: Optimum, point: FloatArray, column: int) -> StepParameter:

@@ -13,20 +13,22 @@ from aero_bayes.arrays import FloatArray
 
 BatchCost = Callable[[FloatArray], FloatArray]
 
+#: Sum of the largest pulls to a particle's own best and to that of all, and the factor with which they converge.
+ATTRACTION = 4.1
+CONSTRICTION = 2.0 / abs(2.0 - ATTRACTION - math.sqrt(ATTRACTION * ATTRACTION - 4.0 * ATTRACTION))
+
 
 @dataclass(frozen=True)
 class SwarmSettings:
     """Size and limits of a swarm.
 
     ``tolerance`` ends the search once the best cost improved by less than this much (in the cost's own unit) over
-    ``patience`` iterations; ``target`` ends it at a cost that is good enough (the paper's epsilon_0)."""
+    ``patience`` iterations."""
 
     particles: int = 40
     iterations: int = 120
     patience: int = 25
     tolerance: float = 0.5
-    target: float = -math.inf
-    attraction: float = 4.1
     reflect: bool = True
 
 
@@ -49,59 +51,10 @@ class SwarmResult:
     reason: str
 
 
-class Swarm:
-    """A swarm that is asked for positions and told their costs, so that a batch is evaluated in one call."""
-
-    def __init__(
-        self,
-        low: FloatArray,
-        high: FloatArray,
-        rng: np.random.Generator,
-        settings: SwarmSettings,
-        start: FloatArray | None = None,
-    ) -> None:
-        self._low, self._high, self._rng, self._settings = low, high, rng, settings
-        n, d = settings.particles, low.size
-        cells = np.stack([rng.permutation(n) for _ in range(d)], axis=1)
-        self.position = low + (cells + rng.random((n, d))) / n * (high - low)
-        if start is not None:
-            self.position[: len(start)] = np.clip(start[:n], low, high)
-        self._velocity = (rng.random((n, d)) - 0.5) * 0.5 * (high - low)
-        self.own = self.position.copy()
-        self.own_cost = np.full(n, np.inf)
-        phi = settings.attraction
-        self._constriction = 2.0 / abs(2.0 - phi - math.sqrt(phi * phi - 4.0 * phi))
-
-    @property
-    def best(self) -> int:
-        """Index of the particle that holds the best position."""
-        return int(np.argmin(self.own_cost))
-
-    def ask(self) -> FloatArray:
-        """Return positions to evaluate, shape (particles, d)."""
-        return self.position
-
-    def tell(self, cost: FloatArray) -> None:
-        """Take the costs of the positions asked for (not finite: failed) and move on."""
-        cost = np.where(np.isfinite(cost), cost, np.inf)
-        better = cost < self.own_cost
-        self.own[better], self.own_cost[better] = self.position[better], cost[better]
-        n, d = self.position.shape
-        half = 0.5 * self._settings.attraction
-        own, social = half * self._rng.random((2, n, d))
-        pull = own * (self.own - self.position) + social * (self.own[self.best] - self.position)
-        self._velocity = self._constriction * (self._velocity + pull)
-        limit = 0.5 * (self._high - self._low)
-        self._velocity = np.clip(self._velocity, -limit, limit)
-        self.position = self._contain(self.position + self._velocity)
-
-    def _contain(self, position: FloatArray) -> FloatArray:
-        outside = (position < self._low) | (position > self._high)
-        inside = np.clip(position, self._low, self._high)
-        if self._settings.reflect:
-            inside = np.clip(2.0 * inside - position, self._low, self._high)
-        self._velocity[outside] *= -0.5
-        return inside
+def latin_hypercube(count: int, size: int, rng: np.random.Generator) -> FloatArray:
+    """Draw points of the unit cube, one in each of ``count`` layers of each axis, shape (count, size)."""
+    cells = np.stack([rng.permutation(count) for _ in range(size)], axis=1)
+    return np.asarray((cells + rng.random((count, size))) / count)
 
 
 def minimise(
@@ -113,28 +66,39 @@ def minimise(
     start: FloatArray | None = None,
     on_iteration: Callable[[int, float], object] | None = None,
 ) -> SwarmResult:
-    """Search a box for the smallest cost."""
+    """Search a box for the smallest cost; a batch of positions (particles, d) is evaluated in one call."""
     settings = settings or SwarmSettings()
-    swarm = Swarm(low, high, rng, settings, start)
+    n, d = settings.particles, low.size
+    position = low + latin_hypercube(n, d, rng) * (high - low)
+    if start is not None:
+        position[: len(start)] = np.clip(start[:n], low, high)
+    velocity = (rng.random((n, d)) - 0.5) * 0.5 * (high - low)
+    own, own_cost = position.copy(), np.full(n, np.inf)
     history: list[float] = []
     failures, reason = 0, "the iteration limit was reached"
     for iteration in range(settings.iterations):
-        values = np.asarray(cost(swarm.ask()), dtype=np.float64)
+        values = np.asarray(cost(position), dtype=np.float64)
         failures += int(np.sum(~np.isfinite(values)))
-        swarm.tell(values)
-        history.append(float(swarm.own_cost.min()))
+        values = np.where(np.isfinite(values), values, np.inf)
+        better = values < own_cost
+        own[better], own_cost[better] = position[better], values[better]
+        to_own, to_best = 0.5 * ATTRACTION * rng.random((2, n, d))
+        pull = to_own * (own - position) + to_best * (own[np.argmin(own_cost)] - position)
+        velocity = np.clip(CONSTRICTION * (velocity + pull), -0.5 * (high - low), 0.5 * (high - low))
+        position = position + velocity
+        outside, inside = (position < low) | (position > high), np.clip(position, low, high)
+        position = np.clip(2.0 * inside - position, low, high) if settings.reflect else inside
+        velocity[outside] *= -0.5
+        history.append(float(own_cost.min()))
         if on_iteration is not None and on_iteration(iteration, history[-1]) is True:
             reason = "it was interrupted"
-            break
-        if history[-1] <= settings.target:
-            reason = "the cost fell below the target"
             break
         past = history[-1 - settings.patience] if iteration >= settings.patience else math.inf
         if math.isfinite(past) and past - history[-1] < settings.tolerance:
             reason = "the best cost no longer improved"
             break
-    order = np.argsort(swarm.own_cost, kind="stable")
+    order = np.argsort(own_cost, kind="stable")
     return SwarmResult(
-        swarm.own[order[0]], float(swarm.own_cost[order[0]]), swarm.own[order], swarm.own_cost[order],
+        own[order[0]], float(own_cost[order[0]]), own[order], own_cost[order],
         np.array(history), len(history) * settings.particles, failures, reason,
     )  # fmt: skip

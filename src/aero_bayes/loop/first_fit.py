@@ -18,7 +18,7 @@ from aero_bayes.data.split import Recordings
 from aero_bayes.display import SettingsDisplay
 from aero_bayes.estimate.calibration import Calibration, for_recordings
 from aero_bayes.estimate.finished_fit import finished_fit
-from aero_bayes.estimate.fit import fit
+from aero_bayes.estimate.fit import declared_overrides, fit
 from aero_bayes.estimate.global_search import GlobalSearch, GlobalSearchResult
 from aero_bayes.estimate.initial_states import with_free_starts
 from aero_bayes.estimate.levenberg_marquardt import FitSettings
@@ -217,9 +217,8 @@ class FirstFit:
         items = tuple(
             replace(p, free_if_identified=p.free_if_identified and p.name not in freed) for p in moved.parameters
         )
-        fixed = {n: v for n, v in moved.simulated.fixed.items() if n not in freed}
-        simulated = replace(moved.simulated, fixed=fixed)
-        return replace(moved, simulated=simulated, parameters=ParameterSet(items).extended(own.items))
+        fixed = {n: v for n, v in moved.fixed.items() if n not in freed}
+        return replace(moved, fixed=fixed, parameters=ParameterSet(items).extended(own.items))
 
 
 def first_fit(context: LoopContext, begin: Mapping[str, float]) -> FirstFit:
@@ -274,7 +273,7 @@ def first_fit(context: LoopContext, begin: Mapping[str, float]) -> FirstFit:
 
 def _chosen(context: LoopContext, model: Model) -> ParameterSet:
     """What is fitted of the first model."""
-    known, chosen = context.family.overrides(model), context.settings.parameters
+    known, chosen = declared_overrides(model), context.settings.parameters
     if chosen is None:
         chosen = tuple(name for name, override in known.items() if not override.free_if_identified)
     return chosen_parameters(model, chosen, known)

@@ -15,6 +15,7 @@ from aero_bayes.data.recording import Recording
 from aero_bayes.data.split import Recordings
 from aero_bayes.errors import CannotFinishError, InputError
 from aero_bayes.estimate.calibration import Calibration, steps_taken, templates, with_step_budget
+from aero_bayes.estimate.fit import declared_overrides
 from aero_bayes.estimate.initial_states import screened
 from aero_bayes.estimate.parameters import Override, Parameter, ParameterSet, chosen_parameters, parameters_from_model
 from aero_bayes.estimate.result import Fit
@@ -33,7 +34,8 @@ from aero_bayes.simulation.interface import ParameterTarget
 from aero_bayes.simulation.model import Model, ModelicaSource
 from aero_bayes.simulation.python_model import PythonModel
 from aero_bayes.simulation.workers import WorkerPool
-from aero_bayes.structure.fmu_family import FmuFamily, FmuPlaces
+from aero_bayes.structure.fmu_family import FmuFamily
+from aero_bayes.structure.fmu_ports import FmuPlaces
 from aero_bayes.structure.law_places import CandidateFilter, LawPlaces
 from aero_bayes.structure.modelica_family import ModelicaFamily
 
@@ -120,7 +122,7 @@ def close_loop(
     ):
         folder = Path(out_dir) if out_dir is not None else scratch.path
         base = family.base_model()
-        if settings.parameters is None and not family.overrides(base):
+        if settings.parameters is None and not declared_overrides(base):
             has = ", ".join(v.name for v in base.parameters)
             raise InputError(
                 f"model {base.name} declares no parameters to fit: name some of {has} by LoopSettings(parameters=[...])"
@@ -192,7 +194,7 @@ def searched(context: LoopContext, first: FirstFit, *, explained: bool = False) 
 
 def _held_values(plain: Calibration, settings: LoopSettings) -> dict[str, Parameter]:
     """Values that a fit leaves fixed and that may be wrong, by the ids of their terms."""
-    model, fixed = plain.model, plain.simulated.fixed
+    model, fixed = plain.model, plain.fixed
     narrowed = CandidateFilter(settings.effects, settings.exclude, settings.ports, settings.laws, settings.require)
     searched = {p.target.name for p in plain.parameters if isinstance(p.target, ParameterTarget)}
     found = [p for p in plain.parameters if p.free_if_identified and p.recording is None]
@@ -224,7 +226,7 @@ def _family(model: str | Path | Model | ModelicaSource, folder: Path, settings: 
         family: ModelicaFamily = FmuFamily(FmuPlaces(fmu.stem, *given, fmu=fmu), folder)
     else:
         family = ModelicaFamily(LawPlaces(model.name, *given), folder)
-    family.check()
+    family.places.check()
     return family
 
 
@@ -257,7 +259,7 @@ def settings_of(fit: Fit, settings: LoopSettings) -> LoopSettings:
     read = replace(
         own.calibration, interpolation=between if between == "auto" else calibration.data.interpolation or "hold"
     )
-    fixed = {**calibration.simulated.fixed, **fixed, **own.fixed}
+    fixed = {**calibration.fixed, **fixed, **own.fixed}
     first = replace(own, method="local", cost="posterior", staged=False, calibration=read, fixed=fixed)
     return replace(settings, fit=first, parameters=chosen)
 

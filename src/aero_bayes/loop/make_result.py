@@ -92,7 +92,7 @@ def story_of(context: LoopContext, ended: Ended) -> tuple[str, ...]:
     worst = max(first.reports, key=lambda r: r.ratio)
     refits = sum(row.refitted for row in search.table.rows.values())
     lines = [
-        f"{context.family.title} was fitted as given. Its residual of {worst.output} in {worst.recording} is "
+        f"{context.family.places.title} was fitted as given. Its residual of {worst.output} in {worst.recording} is "
         f"{worst.ratio:.2g} times the noise floor and {worst.verdict}.",
         _data_sentence(context),
         *_restrictions(context.settings),
@@ -153,8 +153,8 @@ def result_of(context: LoopContext, ended: Ended, cause: DiagnosisRow | None) ->
     found = context.statistics.outcomes
     context.statistics.end_stage("judgement")
     return LoopResult(
-        outcome=outcome, sentence=sentence, base=context.family.base,
-        model=written.name if written is not None else context.family.base, effects=effects, equivalent=same,
+        outcome=outcome, sentence=sentence, base=context.family.places.base,
+        model=written.name if written is not None else context.family.places.base, effects=effects, equivalent=same,
         limits=limits_of(search, decision.model), refused=decision.refused, before=first.fit, after=after,
         predicted_before=predicted, predicted_after=extended.after if extended is not None else predicted,
         floors=first.floors, residual_before=first.reports,
@@ -193,7 +193,7 @@ def _outcome(
 ) -> tuple[LoopOutcome, str]:
     """How the loop ended, and why."""
     if ended.extended is not None:
-        return "extended", extended_sentence(context.family.base, ended.extended.effects, errors, context.units)
+        return "extended", extended_sentence(context.family.places.base, ended.extended.effects, errors, context.units)
     structured = ended.search.structured(ended.decision.model)
     far = not structured and _far_off(context, ended.first, before)
     why = none_sentence(ended, structured, far, bool(left_over(errors)))

@@ -172,10 +172,7 @@ class ModelSource:
         """Return the model with some terms and no others, switched off. CannotFinishError if there is none."""
         laws = sorted(t for t in terms if t not in self.held)
         offer = self.family.with_candidates(laws)
-        parts, first = [], 0
-        for candidate, count in offer.candidates:
-            parts.append((candidate, offer.parameters[first : first + count]))
-            first += count
+        parts = [*offer.terms]
         for id_ in sorted(t for t in terms if t in self.held):
             parts.append((value_candidate(self.held[id_]), (replace(self.held[id_], free_if_identified=False),)))
         calibration = self.family.transfer(self.plain, offer.model)
@@ -188,8 +185,8 @@ class ModelSource:
             columns = tuple(calibration.parameters.index(name) for name in names)
             candidates[candidate.id] = replace(candidate, columns=columns)
         targets = {p.target.name for p in calibration.parameters if isinstance(p.target, ParameterTarget)}
-        fixed = {n: v for n, v in calibration.simulated.fixed.items() if n not in targets}
-        calibration = replace(calibration, simulated=replace(calibration.simulated, fixed=fixed))
+        fixed = {n: v for n, v in calibration.fixed.items() if n not in targets}
+        calibration = replace(calibration, fixed=fixed)
         wanted = {id_: candidates[id_] for id_ in terms if id_ in candidates}
         if len(wanted) < len(set(terms)):
             raise CannotFinishError(f"no model has {', '.join(terms)} together")

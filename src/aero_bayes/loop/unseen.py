@@ -16,19 +16,19 @@ from aero_bayes.data.split import Recordings
 from aero_bayes.errors import CannotFinishError
 from aero_bayes.estimate.calibration import Calibration, calibrate, for_recordings, templates
 from aero_bayes.estimate.initial_states import CalibrationSettings, with_free_starts
-from aero_bayes.estimate.interpolation import (
+from aero_bayes.estimate.local_fit import LocalFitSettings, Optimum, local_fit
+from aero_bayes.estimate.noise import residual_correlation_time
+from aero_bayes.estimate.objective import objective_of
+from aero_bayes.estimate.outliers import outlier_rows
+from aero_bayes.estimate.parameters import ParameterSet
+from aero_bayes.estimate.result import Fit
+from aero_bayes.estimate.simulate import (
     first_moves_in,
     first_reading,
     interpolation_for,
     typical,
     with_interpolation,
 )
-from aero_bayes.estimate.local_fit import LocalFitSettings, Optimum, local_fit
-from aero_bayes.estimate.objective import objective_of
-from aero_bayes.estimate.outliers import outlier_rows
-from aero_bayes.estimate.parameters import ParameterSet
-from aero_bayes.estimate.result import Fit
-from aero_bayes.estimate.whiteness import residual_correlation_time
 from aero_bayes.simulation.interface import ParameterTarget, Problem, Simulator, StartTarget
 from aero_bayes.structure.modelica_family import ModelicaFamily
 
@@ -177,16 +177,16 @@ class Unseen:
         kept = ParameterSet(tuple(p for p in shared if p not in new))
         own = replace(
             self.settings, outputs=self.recordings.outputs, most_readings=None, keep_standstill_readings=True,
-            interpolation=calibration.data.interpolation, solver=calibration.simulated.solver,
+            interpolation=calibration.data.interpolation, solver=calibration.solver,
         )  # fmt: skip
         # Only the base model shows which states start at a reading: in an extended one a law may act on it.
-        fixed = {name: value for name, value in calibration.simulated.fixed.items() if name in known}
+        fixed = {name: value for name, value in calibration.fixed.items() if name in known}
         base_named = calibrate(named, plain, kept, fixed=fixed, settings=own)
         starts = with_free_starts(base_named.parameters, base_named.data.experiments, plain)
         own_starts = for_recordings(ParameterSet(tuple(new)), plain, named)
         base_named = replace(base_named, parameters=starts.extended(own_starts.items))
         whole = self.family.transfer(base_named, calibration.model)
-        whole = replace(whole, simulated=replace(whole.simulated, fixed=calibration.simulated.fixed))
+        whole = replace(whole, fixed=calibration.fixed)
         row = _values(_renamed(calibration, base_named, whole), fit, base_named, self._all_recordings, self._fitted)
         if self.settings.interpolation == "auto":
             whole = self._each_as_its_inputs_move(whole, calibration, row)
@@ -237,8 +237,7 @@ def _renamed(calibration: Calibration, base_named: Calibration, whole: Calibrati
     """The calibration of an extended model with its states named as in the base model."""
     old = {there.target: here.target for here, there in zip(base_named.parameters, whole.parameters, strict=True)}
     items = tuple(replace(p, target=old.get(p.target, p.target)) for p in calibration.parameters)
-    simulated = replace(calibration.simulated, model=base_named.model)
-    return replace(calibration, simulated=simulated, parameters=ParameterSet(items))
+    return replace(calibration, model=base_named.model, parameters=ParameterSet(items))
 
 
 def _values(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Union
 
 from aero_bayes.modelica.expression import Builder, Node
@@ -45,6 +45,11 @@ def filled(item: Value, sizes: Sequence[int]) -> Value:
     for size in reversed(sizes):
         item = [item] * size
     return item
+
+
+def shaped(items: Iterator[Node], sizes: Sequence[int]) -> Value:
+    """Return the next numbers as an array of these sizes, row by row."""
+    return [shaped(items, sizes[1:]) for _ in range(sizes[0])] if sizes else next(items)
 
 
 def elementwise(apply: Callable[[Node, Node], Node], a: Value, b: Value) -> Value:

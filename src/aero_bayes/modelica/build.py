@@ -137,24 +137,14 @@ def fmi_headers() -> Path:
 
 
 def _compile_library(source: str, identifier: str) -> bytes:
-    """Compile a generated model and link it to the runtime.
-
-    What was compiled before from the same source is read from the user's cache."""
+    """Compile a generated model and link it to the runtime."""
     command = c_compiler()
-    runtime = _runtime(command)
     flags = [*_FLAGS, "-O2", *_LINK, "-Wl,--version-script=names.map", f"-I{_NATIVE}"]
     shown = "{ global: fmi2*; ab_lanes*; ab_eventless; local: *; };\n"
-
-    def compile_it() -> bytes:
-        with ScratchFolder() as folder:
-            (folder / "names.map").write_text(shown, encoding="utf-8")
-            name = f"{identifier}.c"
-            (folder / name).write_text(source, encoding="utf-8")
-            (folder / "runtime.o").write_bytes(runtime)
-            _compile([*command, "-fPIC", *flags, "-o", f"{identifier}.so", name, "runtime.o", "-lm"], folder)
-            return (folder / f"{identifier}.so").read_bytes()
-
-    return make_once(f"{identifier}.so", (_stamp(command, flags), runtime, source.encode()), compile_it)
+    name = f"{identifier}.c"
+    sources = {"names.map": shown.encode(), "runtime.o": _runtime(command), name: source.encode()}
+    arguments = ["-fPIC", *flags, "-o", f"{identifier}.so", name, "runtime.o", "-lm"]
+    return _compiled(command, arguments, sources, f"{identifier}.so", _stamp(command, flags))
 
 
 def compile_binaries(source: str, identifier: str, platforms: Sequence[Platform]) -> dict[str, bytes]:
@@ -171,18 +161,10 @@ def compile_binaries(source: str, identifier: str, platforms: Sequence[Platform]
 
 def _cross_compile(source: str, identifier: str, platform: Platform, target: str) -> bytes:
     """Return the library for another machine."""
-    command, sources = zig_compiler(target), source_files(source, identifier)
-    flags = [*_FLAGS, "-O2", *platform.flags, "-I.", "-o", "made", f"{identifier}.c", "fmi2.c", "-lm"]
-
-    def compile_it() -> bytes:
-        with ScratchFolder() as folder:
-            for name, text in sources.items():
-                (folder / name).write_bytes(text)
-            _compile([*command, *flags], folder)
-            return (folder / "made").read_bytes()
-
+    command, product = zig_compiler(target), f"{identifier}{platform.suffix}"
+    flags = [*_FLAGS, "-O2", *platform.flags, "-I.", "-o", product, f"{identifier}.c", "fmi2.c", "-lm"]
     stamp = f"{importlib.metadata.version('ziglang')}{command[1:]}{flags}".encode()
-    return make_once(f"{identifier}{platform.suffix}", (stamp, *sources.values()), compile_it)
+    return _compiled(command, flags, source_files(source, identifier), product, stamp)
 
 
 def source_files(source: str, identifier: str) -> dict[str, bytes]:
@@ -202,16 +184,24 @@ def _runtime(command: Sequence[str]) -> bytes:
 def compile_kept(sources: Sequence[Path], flags: Sequence[str], product: str, command: Sequence[str] = ()) -> bytes:
     """Compile sources of this package once a user: kept under a name that tells compiler, flags and sources."""
     command = command or c_compiler()
+    arguments = ["-fPIC", *_FLAGS, "-O2", f"-I{_NATIVE}", "-o", product, *flags]
     texts = {path.name: path.read_bytes() for path in sources}
+    return _compiled(command, arguments, texts, product, _stamp(command, flags))
+
+
+def _compiled(
+    command: Sequence[str], arguments: Sequence[str], sources: Mapping[str, bytes], product: str, stamp: bytes
+) -> bytes:
+    """Compile sources, or read what was compiled from the same ones before from the user's cache."""
 
     def compile_it() -> bytes:
         with ScratchFolder() as folder:
-            for name, text in texts.items():
+            for name, text in sources.items():
                 (folder / name).write_bytes(text)
-            _compile([*command, "-fPIC", *_FLAGS, "-O2", f"-I{_NATIVE}", "-o", product, *flags], folder)
+            _compile([*command, *arguments], folder)
             return (folder / product).read_bytes()
 
-    return make_once(product, (_stamp(command, flags), *texts.values()), compile_it)
+    return make_once(product, (stamp, *sources.values()), compile_it)
 
 
 def _stamp(command: Sequence[str], flags: Sequence[str]) -> bytes:

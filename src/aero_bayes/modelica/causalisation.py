@@ -15,7 +15,8 @@ from aero_bayes.errors import InputError
 from aero_bayes.modelica.discrete import DiscretePart, solve_discrete
 from aero_bayes.modelica.equation_system import EquationSystem
 from aero_bayes.modelica.expression import Builder, Node, topological_order
-from aero_bayes.modelica.linear_equations import AlgebraicLoop, components, eliminate, match, solve_where_linear
+from aero_bayes.modelica.graphs import SignedUnionFind, assign, components, reachable
+from aero_bayes.modelica.linear_equations import AlgebraicLoop, eliminate, match, solve_where_linear
 
 
 def initial_values(
@@ -42,7 +43,7 @@ def initial_values(
     reach = [b.symbols(r) | behind if b.symbols(r) & in_loops else b.symbols(r) for r in rows]
     # An equation is about the states that it names, the last ones first, before those that it depends on.
     nearest = [sorted(open_states, key=lambda s: s not in own) for _, own in said] + [open_states] * len(fixed)
-    owner = _owners(nearest, reach)
+    owner = assign([[s for s in near if s in own] for near, own in zip(nearest, reach, strict=True)])
     if not set(range(len(stated))) <= set(owner.values()):
         raise InputError(f"model {system.name}: an initial equation determines no state that is free to choose")
     states_of, row_of = list(owner), list(owner.values())
@@ -70,26 +71,6 @@ def initial_values(
             (*residuals, *(r for loop in more for r in loop.residuals)),
         )
     return tuple(starts[b.symbol(n)] for n in states), unsolved
-
-
-def _owners(nearest: Sequence[Sequence[Node]], reach: Sequence[frozenset[Node]]) -> dict[Node, int]:
-    """Return, for states, the equation that determines each.
-
-    Each equation has at most one, and as many have one as can."""
-    owner: dict[Node, int] = {}
-
-    def place(k: int, seen: set[Node]) -> bool:
-        for state in nearest[k]:
-            if state in reach[k] and state not in seen:
-                seen.add(state)
-                if state not in owner or place(owner[state], seen):
-                    owner[state] = k
-                    return True
-        return False
-
-    for k in range(len(nearest)):
-        place(k, set())
-    return owner
 
 
 _SELECT = ("never", "avoid", "default", "prefer", "always")
@@ -138,12 +119,8 @@ class ExplicitModel:
         """States, inputs and parameters that an expression depends on; None where it is not known without events."""
         b = self.system.builder
         loop_of = {u: loop for loop in self.loops for u in loop.unknowns}
-        found: set[Node] = set()
-        stack = [expression]
-        while stack:
-            for s in b.symbols(stack.pop()) - found:
-                found.add(s)
-                stack += loop_of[s].residuals if s in loop_of else ()
+        behind = {u: {s for r in loop.residuals for s in b.symbols(r)} for u, loop in loop_of.items()}
+        found = reachable(b.symbols(expression), lambda s: behind.get(s, ())).keys()
         between = set(self.discrete.updates) | {r.symbol for r in self.discrete.relations}
         between |= {r.symbol for r in self.discrete.roundings}
         if found & between or any(s.name.startswith(("pre(", "sample#", "initial(")) for s in found):
@@ -211,14 +188,7 @@ def _merge_aliases(system: EquationSystem) -> tuple[EquationSystem, dict[Node, N
     b = system.builder
     known = {b.symbol(v.name): v for v in system.variables}
     inputs = {b.symbol(v.name) for v in system.inputs}
-    parent: dict[Node, tuple[Node, bool]] = {}
-
-    def root(node: Node) -> tuple[Node, bool]:
-        negative = False
-        while node in parent:
-            node, flip = parent[node]
-            negative ^= flip
-        return node, negative
+    equal = SignedUnionFind[Node]()
 
     def rank(node: Node) -> tuple[bool, bool, bool, int]:
         variable = known.get(node)
@@ -229,20 +199,20 @@ def _merge_aliases(system: EquationSystem) -> tuple[EquationSystem, dict[Node, N
         body = r.args[0] if r.op == "neg" else r
         if body.op not in ("add", "sub") or not all(a in known or a in inputs for a in body.args):
             continue
-        (one, flip_one), (two, flip_two) = root(body.args[0]), root(body.args[1])
+        (one, sign_one), (two, sign_two) = map(equal.find, body.args)
         if one is two or (one in inputs and two in inputs):
             continue
         kept, gone = sorted((one, two), key=rank)
-        parent[gone] = (kept, flip_one ^ flip_two ^ (body.op == "add"))
+        equal.union(gone, kept, sign_one * sign_two * (-1 if body.op == "add" else 1))
     aliases: dict[Node, Node] = {}
     replaced: dict[Node, Node] = {}
     derivatives = dict(system.derivatives)
-    for gone in parent:
-        kept, negative = root(gone)
-        aliases[gone] = b.neg(kept) if negative else kept
+    for gone in equal.above:
+        kept, sign = equal.find(gone)
+        aliases[gone] = b.neg(kept) if sign < 0 else kept
         if gone.name in derivatives:
             rate = derivatives.setdefault(kept.name, b.symbol(f"der({kept.name})"))
-            replaced[derivatives.pop(gone.name)] = b.neg(rate) if negative else rate
+            replaced[derivatives.pop(gone.name)] = b.neg(rate) if sign < 0 else rate
     memo = {**aliases, **replaced}
     smaller = replace(
         system,

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import lru_cache
+from itertools import pairwise
 from pathlib import Path
 
 from aero_bayes.errors import InputError
@@ -20,7 +21,7 @@ from aero_bayes.modelica.classes import (
 )
 from aero_bayes.modelica.parse import sides_of
 from aero_bayes.modelica.syntax import Array, Expression, Name
-from aero_bayes.modelica.tokens import Token, find_outside, line_of, skip_group, tokenize, words_of
+from aero_bayes.modelica.tokens import Token, find_outside, line_of, skip_group, tokenize, without_indices, words_of
 
 _CLASS_PREFIXES = frozenset(
     {"encapsulated", "partial", "final", "inner", "outer", "replaceable", "redeclare", "expandable", "pure", "impure"}
@@ -221,6 +222,20 @@ class ComponentTree:
     links: list[Connection] = field(default_factory=list)
     icon: list[Expression] = field(default_factory=list)
     aliases: dict[str, str] = field(default_factory=dict)
+    modified: set[str] = field(default_factory=set)
+
+    def sets(self, parameter: str) -> bool:
+        """Return whether one of its classes declares a parameter, or gives it a value."""
+        *path, name = without_indices(parameter).split(".")
+        tree: ComponentTree | None = self
+        given = set[str]()
+        for part in path:
+            held = tree.parts.get(part) if tree is not None else None
+            if tree is None or held is None:
+                return name in given
+            given |= _set_in(held.arguments)
+            tree = tree.inside.get(part)
+        return name in given or (tree is not None and (name in tree.parts or name in tree.modified))
 
     def same_as(self, other: ComponentTree | None) -> bool:
         """Return whether both are made of the same components of the same classes."""
@@ -255,6 +270,7 @@ def build_tree(
                 library, full, _redeclared(library, modifiers, tree.aliases, name) | dict(given), depth + 1
             )
             tree.parts |= inherited.parts
+            tree.modified |= inherited.modified
             tree.inside |= inherited.inside
             tree.links += inherited.links
             tree.icon += inherited.icon
@@ -273,6 +289,7 @@ def build_tree(
         ):
             inner = _redeclared(library, part.modifiers, tree.aliases, name)
             tree.inside[part.name] = build_tree(library, full, inner, depth + 1)
+    tree.modified |= {name for s in found.declarations if s.first == "extends" for name in _set_in(s.core)}
     tree.links += [link for s in found.equations if (link := _link(s)) is not None]
     drawn = annotation_arguments(found.annotation, "Icon").get("graphics")
     tree.icon += drawn.items if isinstance(drawn, Array) else ()
@@ -291,6 +308,11 @@ def _redeclared(library: ClassLibrary, modifiers: Modifiers, aliases: Mapping[st
     names = {key: dotted_name(value)[0] for key, value in modifiers}
     full = {key: aliases.get(name) or look_up(library, name, scope) for key, name in names.items() if name}
     return {key: name for key, name in full.items() if name is not None}
+
+
+def _set_in(tokens: Sequence[Token]) -> set[str]:
+    """Return the names to which a modifier gives a value."""
+    return {one.word for one, two in pairwise(tokens) if two.word == "="}
 
 
 def _link(s: SourceStatement) -> Connection | None:

@@ -1,4 +1,4 @@
-"""Which parameters a user's own sources declare or set, and which are defaults of a library's classes."""
+"""Classes of Modelica as they are written: their statements, declarations, and where each stands."""
 
 from __future__ import annotations
 
@@ -6,12 +6,11 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
-from itertools import pairwise
 
 from aero_bayes.errors import InputError
 from aero_bayes.modelica.parse import parse_expression
 from aero_bayes.modelica.syntax import Expression, arguments_of
-from aero_bayes.modelica.tokens import Token, find_outside, skip_group, split_outside, without_indices
+from aero_bayes.modelica.tokens import Token, find_outside, skip_group, split_outside
 
 CLASS_WORDS = frozenset(
     {"class", "model", "block", "record", "connector", "type", "package", "function", "operator"}
@@ -249,45 +248,3 @@ def annotation_arguments(tokens: Sequence[Token], name: str) -> Mapping[str, Exp
             with suppress(InputError):
                 return arguments_of(parse_expression(part))
     return {}
-
-
-class OwnClasses:
-    """The classes of the user's sources."""
-
-    def __init__(self, classes: Sequence[ClassText], model: str) -> None:
-        self.by_name = {c.full_name.rpartition(".")[2]: c for c in classes}
-        self.top = next((c for c in classes if c.full_name == model), None)
-
-    def sets(self, parameter: str) -> bool:
-        """Tell whether a class of the user's declares a parameter, or gives it a value."""
-        if self.top is None:
-            return True
-        *path, name = without_indices(parameter).split(".")
-        cls: ClassText | None = self.top
-        around: list[ComponentDeclaration] = []
-        for part in path:
-            held = self._component(cls, part)
-            if held is None:
-                return any(_sets(c.arguments, name) for c in around)
-            around.append(held)
-            cls = self.by_name.get(held.type.rpartition(".")[2])
-        declared = self._component(cls, name) is not None
-        return declared or any(_sets(c.arguments, name) for c in around) or self._set_by_extends(cls, name)
-
-    def _lines(self, cls: ClassText | None) -> list[ClassText]:
-        """Return a class and its base classes, those that are the user's."""
-        if cls is None:
-            return []
-        bases = (self.by_name.get(b.rpartition(".")[2]) for b in cls.bases())
-        return [cls, *(inner for b in bases if b is not cls for inner in self._lines(b))]
-
-    def _component(self, cls: ClassText | None, name: str) -> ComponentDeclaration | None:
-        return next((c for k in self._lines(cls) for c in k.components() if c.name == name), None)
-
-    def _set_by_extends(self, cls: ClassText | None, name: str) -> bool:
-        clauses = (s for k in self._lines(cls) for s in k.declarations if s.first == "extends")
-        return any(_sets(s.core, name) for s in clauses)
-
-
-def _sets(tokens: Sequence[Token], name: str) -> bool:
-    return any(one.word == name and two.word == "=" for one, two in pairwise(tokens))

@@ -10,8 +10,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 from aero_bayes.modelica.causalisation import ExplicitModel
-from aero_bayes.modelica.equation_system import ScalarVariable
-from aero_bayes.modelica.expression import Builder, Node, evaluate_nodes
+from aero_bayes.modelica.expression import Builder, Node
 from aero_bayes.modelica.linear_equations import AlgebraicLoop
 from aero_bayes.modelica.prepared_model import (
     LaneEquations,
@@ -223,7 +222,7 @@ def _given_values(m: PreparedModel, memory: _Memory) -> list[tuple[int, float]]:
     """Places and numbers that a model begins with."""
     given = [(memory.at["R"] + i, n.value) for i, n in enumerate(m.starts) if n.op == "const"]
     for group, at, numbers in (
-        ("R", 2 * len(m.states), [_attribute(v, "start", m.constants, 0.0) for v in m.layout.inputs]),
+        ("R", 2 * len(m.states), [v.attribute("start", m.constants, 0.0) for v in m.layout.inputs]),
         ("R", m.layout.first_parameter, list(m.defaults.values())),
         ("W", 0, _guesses(m.model, m.unknowns, m.constants)),
     ):
@@ -248,7 +247,7 @@ def _tables(m: PreparedModel, leaves: dict[Node, str]) -> dict[str, list[str]]:
     """Arrays of ``Info`` of model.h, by their declaration."""
     events, initial = m.model.discrete, m.model.initial
     return {
-        "double nominal": [repr(_attribute(v, "nominal", m.constants, 1.0)) for v in m.layout.states],
+        "double nominal": [repr(v.attribute("nominal", m.constants, 1.0)) for v in m.layout.states],
         "unsigned char below": [str(int(r.below)) for r in events.relations],
         "unsigned char timed": [str(int(i in m.instants)) for i in range(len(events.relations))],
         **_surface_tables(m.switching, m.steps),
@@ -317,7 +316,7 @@ def _blocks(b: Builder, loops: Sequence[AlgebraicLoop]) -> list[str]:
 def _guesses(model: ExplicitModel, unknowns: Sequence[Node], values: dict[Node, float]) -> list[float]:
     """Return where Newton's method starts: the start attributes."""
     by_name = {v.name: v for v in model.system.variables}
-    return [_attribute(by_name[u.name], "start", values, 0.0) if u.name in by_name else 0.0 for u in unknowns]
+    return [by_name[u.name].attribute("start", values, 0.0) if u.name in by_name else 0.0 for u in unknowns]
 
 
 def _loop_targets(
@@ -329,11 +328,6 @@ def _loop_targets(
         here = [StoredValue(f"f[{i}]", r) for i, r in enumerate(rows)]
         found.append(here + [StoredValue(t.place.replace("m->data", "j"), t.node) for t in slopes])
     return found
-
-
-def _attribute(v: ScalarVariable, key: str, values: dict[Node, float], otherwise: float) -> float:
-    node = v.attributes.get(key)
-    return otherwise if node is None else evaluate_nodes([node], values)[0]
 
 
 def _jacobian(

@@ -1,12 +1,4 @@
-"""Builds one flat model from others without a compiler: pure functions, milliseconds each.
-
-A candidate extension of a model is made by adding the equations of a law under an instance name and tying it in:
-
->>> from aero_bayes.modelica.compose import add_term, equate, instantiate  # doctest: +SKIP
->>> wider = instantiate(flat, friction, "pivot_friction")  # doctest: +SKIP
->>> wider = equate(wider, "pivot_friction.v", Name("body.omega"))  # doctest: +SKIP
->>> wider = add_term(wider, 17, Call("neg", (Name("pivot_friction.f"),)))  # doctest: +SKIP
-"""
+"""Builds one flat model from others without a compiler: pure functions, milliseconds each."""
 
 from __future__ import annotations
 
@@ -14,13 +6,12 @@ import math
 import re
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
-from itertools import product
 from typing import cast
 
 from aero_bayes.errors import InputError
-from aero_bayes.modelica.arrays import Value, mapped, scalars
+from aero_bayes.modelica.arrays import Value, scalars
 from aero_bayes.modelica.expression import Builder
-from aero_bayes.modelica.flat import FlatEquation, FlatModel, FlatVariable
+from aero_bayes.modelica.flat import FlatEquation, FlatModel, FlatVariable, element_names
 from aero_bayes.modelica.scope import Scope
 from aero_bayes.modelica.syntax import (
     Array,
@@ -43,30 +34,23 @@ _DEFAULTS = {"min": -math.inf, "max": math.inf, "nominal": 1.0, "start": 0.0, "f
 #: the model behind an input law.
 TRUE_SUFFIX, ACTING_SUFFIX = "_true", "_acting"
 
-Change = Callable[[Name], Expression]
-
-
-def rename_model(flat: FlatModel, name: str) -> FlatModel:
-    """Return the same model under another name."""
-    return replace(flat, name=name)
-
 
 def instantiate(flat: FlatModel, law: FlatModel, instance: str) -> FlatModel:
     """Add all variables and equations of a law under the prefix ``instance.``.
 
     The law's inputs become plain variables, which equations have to bind (:func:`equate`); its outputs are not those
     of the whole."""
-    taken = {v.name for v in flat.variables}
-    own = {v.name for v in law.variables}
-    own |= {r for r in law.records if any(n.startswith(f"{r}.") for n in own)}
-    clash = next((v.name for v in law.variables if f"{instance}.{v.name}" in taken), None)
-    if clash is not None:
+    taken, own = {v.name for v in flat.variables}, {v.name for v in law.variables}
+    if any(f"{instance}.{name}" in taken for name in own):
         raise InputError(f"{flat.name}: the instance {instance!r} is there already")
 
     def moved(n: Name) -> Name:
         return Name(f"{instance}.{n.name}", n.subscripts) if n.name in own else n
 
-    inside = _changed(law, moved, moved)
+    def under(e: FlatEquation) -> FlatEquation:
+        component = f"{instance}.{e.component}" if e.component else instance
+        return replace(e, left=map_names(e.left, moved), right=map_names(e.right, moved), component=component)
+
     variables = tuple(
         replace(
             v,
@@ -80,19 +64,10 @@ def instantiate(flat: FlatModel, law: FlatModel, instance: str) -> FlatModel:
     return replace(
         flat,
         variables=flat.variables + variables,
-        equations=flat.equations + tuple(_under(e, instance) for e in inside.equations),
-        initial_equations=flat.initial_equations + tuple(_under(e, instance) for e in inside.initial_equations),
-        algorithms=flat.algorithms + inside.algorithms,
-        initial_algorithms=flat.initial_algorithms + inside.initial_algorithms,
-        whens=flat.whens + inside.whens,
-        assertions=flat.assertions + inside.assertions,
+        equations=flat.equations + tuple(map(under, law.equations)),
+        initial_equations=flat.initial_equations + tuple(map(under, law.initial_equations)),
         functions={**law.functions, **flat.functions},
-        records={**flat.records, **{moved(Name(n)).name if n in own else n: f for n, f in law.records.items()}},
     )
-
-
-def _under(e: FlatEquation, instance: str) -> FlatEquation:
-    return replace(e, component=f"{instance}.{e.component}" if e.component else instance)
 
 
 def equate(flat: FlatModel, name: str, expression: Expression) -> FlatModel:
@@ -108,13 +83,12 @@ def add_variable(flat: FlatModel, name: str, unit: str = "", description: str = 
     return _with(flat, v)
 
 
-def add_input(flat: FlatModel, name: str, unit: str = "", description: str = "") -> FlatModel:
-    """Add an input of the whole model, zero at the start."""
+def add_input(flat: FlatModel, name: str, unit: str = "", description: str = "", start: float = 0.0) -> FlatModel:
+    """Add an input of the whole model."""
     if "." in name:
         raise InputError(f"the input {name!r}: an input of the whole model has a name without dots")
-    v = FlatVariable(
-        name, causality="input", unit=unit, description=description, attributes=_attributes({"start": 0.0})
-    )
+    given = _attributes({"start": start})
+    v = FlatVariable(name, causality="input", unit=unit, description=description, attributes=given)
     return _with(flat, v)
 
 
@@ -199,7 +173,7 @@ def replace_uses(flat: FlatModel, name: str, by: Expression, keep_equations: Col
             return by
         return Name(by.name, n.subscripts) if isinstance(by, Name) and not by.subscripts else Index(by, n.subscripts)
 
-    changed = _changed(flat, change, lambda n: n)
+    changed = _changed(flat, change)
     kept = set(keep_equations)
     equations = tuple(
         old if i in kept else new for i, (old, new) in enumerate(zip(flat.equations, changed.equations, strict=True))
@@ -228,29 +202,19 @@ def separate_elements(flat: FlatModel, element: str) -> FlatModel:
     return flat
 
 
-def element_names(name: str, sizes: Sequence[int]) -> list[str]:
-    """``x[1]``, ``x[2]``, ... row by row."""
-    return [f"{name}[{','.join(map(str, k))}]" for k in product(*(range(1, n + 1) for n in sizes))] if sizes else []
-
-
 def attribute_value(flat: FlatModel, name: str, attribute: str, values: Mapping[str, float] | None = None) -> float:
-    """Return a number of a parameter or variable."""
-    values = values or {}
-    if attribute == "value" and name in values:
-        return float(values[name])
+    """Return a number of a parameter or variable, with other ``values`` of parameters."""
     known = {v.name: v for v in flat.variables}
     base, subscripts = _split(name)
     v = known.get(name) or known.get(base)
     if v is None:
         raise InputError(f"{flat.name}: no variable {name!r}")
-    tree = v.binding if attribute == "value" else v.attributes.get(attribute)
-    if attribute == "value" and tree is None:
-        tree = v.attributes.get("start")
+    tree = v.value if attribute == "value" else v.attributes.get(attribute)
     if tree is None:
         if attribute not in _DEFAULTS:
             raise InputError(f"{flat.name}: {name!r} has no {attribute}")
         return _DEFAULTS[attribute]
-    found = _evaluated(flat, name, attribute, tree, values)
+    found = _evaluated(flat, name, attribute, tree, values or {})
     for k in subscripts:
         found = found[k - 1] if isinstance(found, list) else found
     items = scalars(found)
@@ -263,33 +227,25 @@ def _evaluated(flat: FlatModel, name: str, attribute: str, tree: Expression, val
     """Evaluate an attribute after everything that it depends on."""
     known = {v.name: v for v in flat.variables}
     b = Builder()
-    scope = Scope(b, flat.functions, {}, f"{name}.{attribute}", records=flat.records)
+    start: dict[str, Value] = {n: b.const(x) for n, x in values.items()}
+    scope = Scope(b, flat.functions, start, f"{name}.{attribute}", records=flat.records)
     open_: set[str] = set()
 
     def need(expression: Expression) -> None:
         for n in names_in(expression):
             if n in scope.values or n not in known:
                 continue
-            inner = known[n]
-            binding = inner.binding if inner.binding is not None else inner.attributes.get("start")
-            if not inner.constant or binding is None or n in open_:
+            binding = known[n].value
+            if not known[n].constant or binding is None or n in open_:
                 raise InputError(
                     f"{flat.name}: {attribute} of {name!r} depends on {n!r}, which has no value of its own"
                 )
             open_.add(n)
             need(binding)
-            scope.values[n] = b.const(values[n]) if n in values else _overridden(scope, n, binding, values)
+            scope.values[n] = scope.value(binding)
 
     need(tree)
     return scope.value(tree)
-
-
-def _overridden(scope: Scope, name: str, binding: Expression, values: Mapping[str, float]) -> Value:
-    value = scope.value(binding)
-    if not isinstance(value, list) or not any(n.startswith(f"{name}[") for n in values):
-        return value
-    places = iter(f"{name}[{k + 1}]" for k in range(len(scalars(value))))
-    return mapped(lambda n: scope.builder.const(values.get(next(places), n.value)), value)
 
 
 def _split(name: str) -> tuple[str, list[int]]:
@@ -314,29 +270,22 @@ def _with(flat: FlatModel, v: FlatVariable) -> FlatModel:
     return replace(flat, variables=(*flat.variables, v))
 
 
-def _changed(flat: FlatModel, change: Change, target: Callable[[Name], Name]) -> FlatModel:
-    """Equations, algorithms and events with every name changed; declarations as they are."""
+def _changed(flat: FlatModel, change: Callable[[Name], Expression]) -> FlatModel:
+    """Equations, algorithms and events with every name changed; declarations, and what is assigned, as they are."""
 
     def both(e: FlatEquation) -> FlatEquation:
         left, right = map_names(e.left, change), map_names(e.right, change)
         return e if left == e.left and right == e.right else replace(e, left=left, right=right)
 
     def statements(body: tuple[Statement, ...]) -> tuple[Statement, ...]:
-        return tuple(map_names_in_statement(s, change, target) for s in body)
-
-    def outputs(names: tuple[str, ...]) -> tuple[str, ...]:
-        return tuple(target(Name(n)).name for n in names)
+        return tuple(map_names_in_statement(s, change) for s in body)
 
     return replace(
         flat,
         equations=tuple(map(both, flat.equations)),
         initial_equations=tuple(map(both, flat.initial_equations)),
-        algorithms=tuple(
-            replace(a, statements=statements(a.statements), outputs=outputs(a.outputs)) for a in flat.algorithms
-        ),
-        initial_algorithms=tuple(
-            replace(a, statements=statements(a.statements), outputs=outputs(a.outputs)) for a in flat.initial_algorithms
-        ),
+        algorithms=tuple(replace(a, statements=statements(a.statements)) for a in flat.algorithms),
+        initial_algorithms=tuple(replace(a, statements=statements(a.statements)) for a in flat.initial_algorithms),
         whens=tuple(replace(w, statement=cast(WhenStatement, statements((w.statement,))[0])) for w in flat.whens),
         assertions=tuple(replace(a, condition=map_names(a.condition, change)) for a in flat.assertions),
     )

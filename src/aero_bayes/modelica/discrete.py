@@ -10,6 +10,7 @@ from aero_bayes.modelica import arrays
 from aero_bayes.modelica.arrays import Value, scalars
 from aero_bayes.modelica.expression import Builder, Node
 from aero_bayes.modelica.flat import FlatModel, When
+from aero_bayes.modelica.graphs import assign
 from aero_bayes.modelica.operators import Events, PeriodicEvent, Relation, Rounding
 from aero_bayes.modelica.scope import Scope
 from aero_bayes.modelica.syntax import (
@@ -190,19 +191,8 @@ def match_discrete(
 
     Equations that determine none of them are given back: they determine something continuous."""
     free = [s for s in symbols if s not in actions.updates]
-    owner: dict[Node, int] = {}
-
-    def place(k: int, seen: set[Node]) -> bool:
-        for s in pairs[k]:
-            if s in candidates and s not in seen:
-                seen.add(s)
-                if s not in owner or place(owner[s], seen):
-                    owner[s] = k
-                    return True
-        return False
-
-    candidates = set(free)
-    rest = [pairs[k] for k in range(len(pairs)) if not place(k, set())]
+    owner = assign([[s for s in pair if s in free] for pair in pairs])
+    rest = [pair for k, pair in enumerate(pairs) if k not in owner.values()]
     for s, k in owner.items():
         left, right = pairs[k]
         actions.assign(s, right if s is left else left)

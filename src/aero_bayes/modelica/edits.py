@@ -57,7 +57,7 @@ def add_declarations(text: str, cls: ClassText, lines: Sequence[str]) -> list[Te
     public += [c.end for c in cls.classes if _section_of(cls, c.start) == "public"]
     if public:
         last = max(public)
-        indent = indentation(text, _first_of_line(text, last))
+        indent = indentation(text, last)
         at = _rest_of_line(text, last, cls.close)
     else:
         at = _rest_of_line(text, cls.body, cls.close)
@@ -126,16 +126,12 @@ def replace_names(
             before -= 1
         opened = before >= 0 and tokens[before].word in ("(", ",")
         after = tokens[k + 1].word if k + 1 < len(tokens) else ""
-        if opened and (after == "=" or (after == "(" and not functions)) and _in_parentheses(tokens, k):
+        if opened and (after == "=" or (after == "(" and not functions)) and any(t.word == "(" for t in tokens[:k]):
             continue
         text = new(token.word)
         if text is not None:
             edits.append(TextEdit(token.start, token.end, text))
     return edits
-
-
-def _in_parentheses(tokens: Sequence[Token], at: int) -> bool:
-    return any(t.word == "(" for t in tokens[:at])
 
 
 def text_of(text: str, tokens: Sequence[Token]) -> str:
@@ -145,14 +141,6 @@ def text_of(text: str, tokens: Sequence[Token]) -> str:
 
 def _section_of(cls: ClassText, at: int) -> str:
     return next((name for name, start, end in cls.sections if start <= at < end), "")
-
-
-def _first_of_line(text: str, at: int) -> int:
-    """Find the first character that is no white space on the line of ``at``."""
-    begin = text.rfind("\n", 0, at) + 1
-    while begin < at and text[begin] in " \t":
-        begin += 1
-    return begin
 
 
 def _rest_of_line(text: str, at: int, limit: int) -> int:

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import hashlib
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 from xml.etree import ElementTree as ET
 
 from aero_bayes.errors import InputError
@@ -46,7 +47,7 @@ def write_fmi2_description(
     ET.SubElement(categories, "Category", name="logStatusError", description="Calls that failed")
     ET.SubElement(categories, "Category", name="logStatusWarning", description="Calls to look at")
     ET.SubElement(root, "DefaultExperiment", startTime="0", stopTime=f"{stop or DEFAULT_STOP:.12g}", tolerance="1e-6")
-    _structure(root, model, layout, _variables(_Variables(root, _start_values(model, layout)), model, layout))
+    add_variables(root, list(_variables(model, layout)))
     ET.indent(root)
     text = ET.tostring(root, encoding="unicode")
     return f'<?xml version="1.0" encoding="UTF-8"?>\n{text}\n'.encode()
@@ -59,7 +60,7 @@ def _start_values(model: ExplicitModel, layout: VariableLayout) -> dict[Node, fl
     for p in model.system.parameters:
         if p.binding is not None and p.binding.op == "const":
             values.setdefault(b.symbol(p.name), p.binding.value)
-    values |= {b.symbol(v.name): _attribute(v, "start", values, 0.0) for v in layout.inputs}
+    values |= {b.symbol(v.name): v.attribute("start", values, 0.0) for v in layout.inputs}
     values[model.system.time] = 0.0
     for later in (False, True):
         for path, start in zip(layout.state_paths, model.starts, strict=True):
@@ -74,7 +75,7 @@ def _state_start(model: ExplicitModel, path: str, start: Node, values: Mapping[N
         return _number(start, values)
     except (KeyError, ArithmeticError, ValueError):
         by_name = {v.name: v for v in model.system.variables}
-        return _attribute(by_name[path], "start", values, 0.0)
+        return by_name[path].attribute("start", values, 0.0)
 
 
 def _interfaces(root: ET.Element, identifier: str, *, asks_for_events: bool) -> None:
@@ -103,89 +104,94 @@ def _interfaces(root: ET.Element, identifier: str, *, asks_for_events: bool) -> 
 
 
 @dataclass(frozen=True)
-class _Indices:
-    """Indices of variables in the description, by what they are; ``outputs`` are all that the model shows."""
+class DescribedVariable:
+    """A variable of a model description.
 
-    inputs: list[int]
-    states: list[int]
-    calculated: list[int]
-    outputs: list[int]
-    dependent: list[int]
-    rates: list[int]
+    ``depends`` names what an output or a derivative depends on, None for: all. One that is not ``listed`` stands not
+    among the initial unknowns, though it is calculated."""
 
-
-def _variables(writer: _Variables, model: ExplicitModel, layout: VariableLayout) -> _Indices:
-    """Add every variable."""
-    values, nx = writer.values, len(layout.states)
-    inputs = [
-        writer.add(
-            v, 2 * nx + i, causality="input", variability="continuous", start=_attribute(v, "start", values, 0.0)
-        )
-        for i, v in enumerate(layout.inputs)
-    ]
-    states = [
-        writer.add(
-            v,
-            i,
-            causality="output" if v.shown else "local",
-            variability="continuous",
-            initial="exact" if start.op == "const" else "approx",
-            start=_state_start(model, path, start, values),
-        )
-        for i, (v, path, start) in enumerate(zip(layout.states, layout.state_paths, model.starts, strict=True))
-    ]
-    calculated = [
-        writer.add(
-            v,
-            layout.first_output + i,
-            causality="output",
-            variability="continuous" if v.variability == "continuous" else "discrete",
-            initial="calculated",
-        )
-        for i, v in enumerate(layout.outputs)
-    ]
-    outputs, by_name = list(calculated), {v.name: v for v in model.system.variables}
-    for name, vr in layout.aliases.items():
-        v = by_name[name]
-        causality = "output" if v.shown else "local"
-        index = writer.add(v, vr, causality=causality, variability="continuous", initial="calculated")
-        if v.shown:
-            outputs.append(index)
-    for i, v in enumerate(layout.parameters):
-        writer.add(
-            v, layout.first_parameter + i, causality="parameter", variability="tunable", initial="exact",
-            start=values[model.system.builder.symbol(v.name)],
-        )  # fmt: skip
-    dependent = [
-        writer.add(
-            v, layout.first_dependent + i, causality="calculatedParameter", variability="tunable", initial="calculated"
-        )
-        for i, v in enumerate(layout.dependent)
-    ]
-    rates = [_add_rate(writer, v, nx + i, states[i]) for i, v in enumerate(layout.states)]
-    shown = sorted(outputs + [s for s in states if writer.causality(s) == "output"])
-    return _Indices(inputs, states, calculated, shown, dependent, rates)
+    name: str
+    reference: int
+    causality: str
+    variability: str = "continuous"
+    initial: str = ""
+    description: str = ""
+    unit: str = ""
+    limits: Mapping[str, float] = field(default_factory=dict)
+    start: float | None = None
+    derivative_of: str = ""
+    depends: Collection[str] | None = None
+    listed: bool = True
+    tag: str = "Real"
 
 
-def _structure(root: ET.Element, model: ExplicitModel, layout: VariableLayout, indices: _Indices) -> None:
-    """Add outputs, derivatives and initial unknowns, with what they depend on."""
-    b, states, outputs, rates = model.system.builder, indices.states, indices.outputs, indices.rates
+def add_variables(root: ET.Element, variables: Sequence[DescribedVariable]) -> None:
+    """Add variables, and the structure: outputs, derivatives and initial unknowns, with what they depend on."""
+    index = {v.name: k for k, v in enumerate(variables, 1)}
+    group = ET.SubElement(root, "ModelVariables")
+    for v in variables:
+        element = ET.SubElement(group, "ScalarVariable", name=v.name, valueReference=str(v.reference))
+        for key in ("description", "causality", "variability", "initial"):
+            if getattr(v, key):
+                element.set(key, getattr(v, key))
+        own = {"unit": v.unit} if v.unit else {}
+        own |= {key: repr(value) for key, value in v.limits.items()}
+        own |= {"start": repr(v.start)} if v.start is not None else {}
+        own |= {"derivative": str(index[v.derivative_of])} if v.derivative_of else {}
+        ET.SubElement(element, v.tag, own)
     structure = ET.SubElement(root, "ModelStructure")
-    knowns = {b.symbol(path): index for path, index in zip(model.states, states, strict=True)}
-    knowns |= {b.symbol(v.name): index for v, index in zip(layout.inputs, indices.inputs, strict=True)}
-    expressions = dict(zip(rates, model.rates, strict=True))
-    expressions |= dict(zip(indices.calculated, [model.solved[v.name] for v in layout.outputs], strict=True))
-    needs = {index: model.dependencies(e) for index, e in expressions.items()}
-    open_states = [s for s, e in zip(states, model.starts, strict=True) if e.op != "const"]
-    first = {*(o for o in outputs if o not in states), *rates, *indices.dependent, *open_states}
-    for tag, unknowns in (("Outputs", outputs), ("Derivatives", rates), ("InitialUnknowns", sorted(first))):
-        if unknowns:
-            group = ET.SubElement(structure, tag)
-            for index in unknowns:
-                unknown = ET.SubElement(group, "Unknown", index=str(index))
-                on = needs.get(index)
-                if tag != "InitialUnknowns" and on is not None:
-                    unknown.set("dependencies", " ".join(map(str, sorted(knowns[s] for s in on if s in knowns))))
+    for tag, unknowns in (
+        ("Outputs", [v for v in variables if v.causality == "output"]),
+        ("Derivatives", [v for v in variables if v.derivative_of]),
+        ("InitialUnknowns", [v for v in variables if v.listed and v.initial in ("calculated", "approx")]),
+    ):
+        group = ET.SubElement(structure, tag) if unknowns else structure
+        for v in unknowns:
+            unknown = ET.SubElement(group, "Unknown", index=str(index[v.name]))
+            if tag != "InitialUnknowns" and v.depends is not None:
+                unknown.set("dependencies", " ".join(map(str, sorted(index[name] for name in v.depends))))
+
+
+def _variables(model: ExplicitModel, layout: VariableLayout) -> Iterator[DescribedVariable]:
+    """Yield every variable of a model."""
+    b, values, nx = model.system.builder, _start_values(model, layout), len(layout.states)
+    by_name = {v.name: v for v in model.system.variables}
+    known = {b.symbol(path): v.name for path, v in zip(model.states, layout.states, strict=True)}
+    known |= {b.symbol(v.name): v.name for v in layout.inputs}
+
+    def needed(expression: Node) -> list[str] | None:
+        found = model.dependencies(expression)
+        return None if found is None else [known[s] for s in found if s in known]
+
+    def described(v: ScalarVariable, reference: int, causality: str, **others: Any) -> DescribedVariable:
+        limits = {k: _number(v.attributes[k], values) for k in ("min", "max", "nominal") if k in v.attributes}
+        if "min" in limits and "max" in limits and limits["min"] > limits["max"]:
+            raise InputError(f"{v.name}: min = {limits['min']:g} is above max = {limits['max']:g}")
+        about: dict[str, Any] = {"description": v.description, "unit": v.unit, "limits": limits}
+        return DescribedVariable(v.name, reference, causality, **about, **others)
+
+    for i, v in enumerate(layout.inputs):
+        yield described(v, 2 * nx + i, "input", start=v.attribute("start", values, 0.0))
+    for i, (v, path, start) in enumerate(zip(layout.states, layout.state_paths, model.starts, strict=True)):
+        initial, at = "exact" if start.op == "const" else "approx", _state_start(model, path, start, values)
+        yield described(v, i, "output" if v.shown else "local", initial=initial, start=at)
+    for i, v in enumerate(layout.outputs):
+        kind, on = "continuous" if v.variability == "continuous" else "discrete", needed(model.solved[v.name])
+        yield described(v, layout.first_output + i, "output", variability=kind, initial="calculated", depends=on)
+    for v, reference in ((by_name[name], reference) for name, reference in layout.aliases.items()):
+        causality = "output" if v.shown else "local"
+        yield described(v, reference, causality, initial="calculated", listed=v.shown)
+    for i, v in enumerate(layout.parameters):
+        at = values[b.symbol(v.name)]
+        yield described(v, layout.first_parameter + i, "parameter", variability="tunable", initial="exact", start=at)
+    for i, v in enumerate(layout.dependent):
+        reference, causality = layout.first_dependent + i, "calculatedParameter"
+        yield described(v, reference, causality, variability="tunable", initial="calculated")
+    for i, (v, rate) in enumerate(zip(layout.states, model.rates, strict=True)):
+        yield DescribedVariable(
+            f"der({v.name})", nx + i, "local", initial="calculated", unit=_rate_unit(v.unit), derivative_of=v.name,
+            depends=needed(rate),
+        )  # fmt: skip
 
 
 def _units(root: ET.Element, layout: VariableLayout) -> None:
@@ -224,46 +230,6 @@ def _rate_unit(unit: str) -> str:
 
 def _number(node: Node | None, values: Mapping[Node, float]) -> float:
     return 0.0 if node is None else evaluate_nodes([node], values)[0]
-
-
-def _attribute(v: ScalarVariable, key: str, values: Mapping[Node, float], otherwise: float) -> float:
-    return _number(v.attributes[key], values) if key in v.attributes else otherwise
-
-
-class _Variables:
-    def __init__(self, root: ET.Element, values: Mapping[Node, float]) -> None:
-        self.group = ET.SubElement(root, "ModelVariables")
-        self.values = values
-
-    def causality(self, index: int) -> str:
-        return self.group[index - 1].get("causality", "local")
-
-    def add(self, v: ScalarVariable, reference: int, *, start: float | None = None, **attributes: str) -> int:
-        """Append a variable; its index counts from one."""
-        element = ET.SubElement(self.group, "ScalarVariable", name=v.name, valueReference=str(reference))
-        if v.description:
-            element.set("description", v.description)
-        for key, value in attributes.items():
-            if key == "initial" and attributes["causality"] == "input":
-                continue
-            element.set(key, value)
-        real = {"unit": v.unit} if v.unit else {}
-        for key in ("min", "max", "nominal"):
-            if key in v.attributes:
-                real[key] = repr(_number(v.attributes[key], self.values))
-        if "min" in real and "max" in real and float(real["min"]) > float(real["max"]):
-            raise InputError(f"{v.name}: min = {float(real['min']):g} is above max = {float(real['max']):g}")
-        if start is not None:
-            real["start"] = repr(start)
-        ET.SubElement(element, "Real", real)
-        return len(self.group)
-
-
-def _add_rate(writer: _Variables, v: ScalarVariable, reference: int, state: int) -> int:
-    rate = ScalarVariable(f"der({v.name})", "Real", "continuous", "local", "", _rate_unit(v.unit), {}, False, None)
-    index = writer.add(rate, reference, causality="local", variability="continuous", initial="calculated")
-    writer.group[index - 1][0].set("derivative", str(state))
-    return index
 
 
 _PLACED = re.compile(r"[^ :]+\.mo:\d+: ")

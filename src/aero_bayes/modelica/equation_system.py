@@ -5,13 +5,13 @@ from __future__ import annotations
 import re
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import product
 
 from aero_bayes.modelica import arrays
-from aero_bayes.modelica.arrays import Value, scalars
+from aero_bayes.modelica.arrays import scalars
 from aero_bayes.modelica.discrete import DiscretePart, EventActions, assigned_in_events, match_discrete
-from aero_bayes.modelica.expression import Builder, Node
+from aero_bayes.modelica.expression import Builder, Node, evaluate_nodes
 from aero_bayes.modelica.flat import Causality, FlatEquation, FlatModel, FlatVariable, Variability
+from aero_bayes.modelica.graphs import reachable
 from aero_bayes.modelica.operators import Events, is_table_type
 from aero_bayes.modelica.scope import Scope
 from aero_bayes.modelica.syntax import Call, Name, Number, names_in
@@ -32,6 +32,10 @@ class ScalarVariable:
     binding: Node | None
     state_select: str = "default"
     final: bool = False
+
+    def attribute(self, key: str, values: Mapping[Node, float], otherwise: float) -> float:
+        """Return the number of an attribute at given values of what it depends on."""
+        return evaluate_nodes([self.attributes[key]], values)[0] if key in self.attributes else otherwise
 
     @property
     def shown(self) -> bool:
@@ -116,7 +120,7 @@ def _declare(scope: Scope, events: Events, variables: Sequence[FlatVariable]) ->
         scope.place = v.place
         if v.type == "String":
             raise scope.fail(f"the variable {v.name!r} of type String")
-        symbols_of = _symbols(builder, v.name, v.sizes)
+        symbols_of = arrays.shaped(map(builder.symbol, v.scalar_names), v.sizes)
         switched = v.type == "Boolean" and _is_input(v)
         # An FMU of ours has Real inputs: a switch is on above one half.
         scope.values[v.name] = (
@@ -175,17 +179,9 @@ def _solved_at_start(model: FlatModel) -> FlatModel:
     }
     if not open_:
         return model
-    follow = set(open_)
-    grown = True
-    while grown:
-        more = {
-            v.name
-            for v in model.variables
-            if v.variability == "parameter" and v.name not in follow and v.binding is not None
-            and names_in(v.binding) & follow
-        }  # fmt: skip
-        follow |= more
-        grown = bool(more)
+    parameters = ((v.name, v.binding) for v in model.variables if v.variability == "parameter")
+    bound = {name: names_in(binding) for name, binding in parameters if binding is not None}
+    follow = reachable(open_, lambda name: (other for other, names in bound.items() if name in names))
     variables, equations = [], []
     for v in model.variables:
         if v.name not in follow:
@@ -236,24 +232,6 @@ def _assertions(model: FlatModel, scope: Scope) -> tuple[tuple[Node, str], ...]:
     return tuple(found)
 
 
-def _symbols(builder: Builder, name: str, sizes: Sequence[int]) -> Value:
-    if not sizes:
-        return builder.symbol(name)
-
-    def level(prefix: tuple[int, ...]) -> Value:
-        if len(prefix) == len(sizes):
-            return builder.symbol(f"{name}[{','.join(map(str, prefix))}]")
-        return [level((*prefix, i + 1)) for i in range(sizes[len(prefix)])]
-
-    return level(())
-
-
-def _names(name: str, sizes: Sequence[int]) -> list[str]:
-    if not sizes:
-        return [name]
-    return [f"{name}[{','.join(map(str, i))}]" for i in product(*(range(1, s + 1) for s in sizes))]
-
-
 def _parameters(scope: Scope, declared: Sequence[FlatVariable]) -> list[ScalarVariable]:
     """Declare parameters and constants in order of dependence; a literal binding makes an independent parameter."""
     by_name = {v.name: v for v in declared}
@@ -299,14 +277,13 @@ def _parameter(scope: Scope, v: FlatVariable) -> list[ScalarVariable]:
     fixed = v.attributes.get("fixed")
     if fixed is not None and any(n is scope.builder.zero for n in scalars(scope.value(fixed))):
         raise scope.fail(f"the parameter {v.name!r} with fixed=false")
-    binding = v.binding if v.binding is not None else v.attributes.get("start")
-    if binding is None:
+    if v.value is None:
         raise scope.fail(f"the parameter {v.name!r} without a value")
-    value = scope.value(binding)
+    value = scope.value(v.value)
     if isinstance(value, str) or is_table_type(v.type):
         scope.values[v.name] = value
         return []
-    names = _names(v.name, v.sizes)
+    names = v.scalar_names
     nodes = scalars(value)
     if len(nodes) == 1:
         nodes = nodes * len(names)
@@ -318,13 +295,12 @@ def _parameter(scope: Scope, v: FlatVariable) -> list[ScalarVariable]:
         free = v.type == "Real" and v.variability != "constant" and node.op == "const"
         symbols.append(scope.builder.symbol(variable.name) if free else node)
         variables.append(variable)
-    rest = iter(symbols)
-    scope.values[v.name] = arrays.mapped(lambda _: next(rest), _symbols(scope.builder, v.name, v.sizes))
+    scope.values[v.name] = arrays.shaped(iter(symbols), v.sizes)
     return variables
 
 
 def _scalars(scope: Scope, v: FlatVariable, bindings: Sequence[Node] | None) -> list[ScalarVariable]:
-    names = _names(v.name, v.sizes)
+    names = v.scalar_names
     attributes: dict[str, list[Node]] = {}
     for key, tree in v.attributes.items():
         if key == "start" and bindings is not None:

@@ -340,10 +340,11 @@ INFIX = {
 class ExpressionWriter:
     """Prints expressions as C statements over local variables."""
 
-    def __init__(self, leaves: dict[Node, str]) -> None:
+    def __init__(self, leaves: dict[Node, str], nodes: Iterable[Node] = ()) -> None:
         self.leaves = leaves
         self.lines: list[str] = []
         self.known: dict[Node, str] = {}
+        self.write(nodes)
 
     def term(self, node: Node) -> str:
         """Return the C text of an expression that is a leaf, a constant or was written before."""

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import product
 from typing import Literal
 
 from aero_bayes.modelica.syntax import Expression, Statement, WhenStatement
@@ -12,6 +13,11 @@ from aero_bayes.modelica.tokens import SourceLocation
 Variability = Literal["continuous", "discrete", "parameter", "constant"]
 Causality = Literal["local", "input", "output"]
 Origin = Literal["component", "connection", "flow", "binding", "added"]
+
+
+def element_names(name: str, sizes: Sequence[int]) -> list[str]:
+    """``x[1]``, ``x[2]``, ... row by row; none for a scalar."""
+    return [f"{name}[{','.join(map(str, k))}]" for k in product(*(range(1, n + 1) for n in sizes))] if sizes else []
 
 
 @dataclass(frozen=True)
@@ -37,6 +43,16 @@ class FlatVariable:
     def constant(self) -> bool:
         """A parameter or a constant."""
         return self.variability in ("parameter", "constant")
+
+    @property
+    def value(self) -> Expression | None:
+        """What a parameter is bound to, or else its start value."""
+        return self.binding if self.binding is not None else self.attributes.get("start")
+
+    @property
+    def scalar_names(self) -> list[str]:
+        """Names of its elements, its own one if it is a scalar."""
+        return element_names(self.name, self.sizes) or [self.name]
 
 
 @dataclass(frozen=True)

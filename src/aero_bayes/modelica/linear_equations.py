@@ -1,9 +1,9 @@
-"""Bipartite matching of equations and unknowns, and their order by strongly connected components."""
+"""Systems of equations: linear ones solved, unknowns eliminated from others, and which equation determines which."""
 
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from aero_bayes.errors import InputError
@@ -186,44 +186,3 @@ def match(b: Builder, equations: Sequence[Node], unknowns: Sequence[Node]) -> tu
         if holder is not None:
             matched[holder] = u
     return matched, [], []
-
-
-def components(needs: Sequence[Iterable[int]]) -> list[list[int]]:
-    """Strongly connected components, each after those that it needs (Tarjan 1972, without recursion)."""
-    index: dict[int, int] = {}
-    low: dict[int, int] = {}
-    on_stack: set[int] = set()
-    stack: list[int] = []
-    found: list[list[int]] = []
-    for root in range(len(needs)):
-        if root in index:
-            continue
-        work = [(root, iter(needs[root]))]
-        index[root] = low[root] = len(index)
-        stack.append(root)
-        on_stack.add(root)
-        while work:
-            node, successors = work[-1]
-            for s in successors:
-                if s not in index:
-                    index[s] = low[s] = len(index)
-                    stack.append(s)
-                    on_stack.add(s)
-                    work.append((s, iter(needs[s])))
-                    break
-                if s in on_stack:
-                    low[node] = min(low[node], index[s])
-            else:
-                work.pop()
-                if work:
-                    low[work[-1][0]] = min(low[work[-1][0]], low[node])
-                if low[node] == index[node]:
-                    component = []
-                    while True:
-                        member = stack.pop()
-                        on_stack.discard(member)
-                        component.append(member)
-                        if member == node:
-                            break
-                    found.append(component)
-    return found

@@ -35,8 +35,7 @@ class StoredValue:
 
 def loop_function(k: int | str, targets: Sequence[StoredValue], leaves: dict[Node, str]) -> str:
     """Return the function of one algebraic loop: its residuals into ``f``, their Jacobian by columns into ``j``."""
-    writer = ExpressionWriter(leaves)
-    writer.write([t.node for t in targets])
+    writer = ExpressionWriter(leaves, [t.node for t in targets])
     stores = [f"    {t.place} = {writer.term(t.node)};" for t in targets]
     head = f"static void eval_loop_{k}(const Model *restrict m, double *restrict f, double *restrict j) {{"
     return "\n".join([head, "    (void)m;", *writer.lines, *stores, "}"])
@@ -44,8 +43,7 @@ def loop_function(k: int | str, targets: Sequence[StoredValue], leaves: dict[Nod
 
 def assertion_function(conditions: Sequence[Node], leaves: dict[Node, str]) -> str:
     """Return the function that marks the assertions that do not hold, and tells whether there are any."""
-    writer = ExpressionWriter(leaves)
-    writer.write(conditions)
+    writer = ExpressionWriter(leaves, conditions)
     lines = [f"    any |= bad[{i}] = !({writer.term(c)});" for i, c in enumerate(conditions)]
     head = ["static int eval_violated(Model *m, unsigned char *bad) {", "    int any = 0; (void)m; (void)bad;"]
     return "\n".join([*head, *writer.lines, *lines, "    return any;", "}"])
@@ -61,22 +59,13 @@ def reinit_function(
     model: ExplicitModel, prepared: Sequence[Node], leaves: dict[Node, str], states: Sequence[Node]
 ) -> str:
     """Return the function that gives states the values of active ``reinit()``, and tells whether there are any."""
-    writer = ExpressionWriter(leaves)
-    writer.write(prepared)
+    writer = ExpressionWriter(leaves, prepared)
     lines = [
         f"    if ({writer.term(active)}) {{ {leaves[r.state]} = {writer.term(value)}; any = 1; }}"
         for r, active, value in zip(model.discrete.reinits, prepared[::2], prepared[1::2], strict=True)
     ]
-    return "\n".join(
-        [
-            "static int eval_reinit(Model *m) {",
-            "    int any = 0; (void)m;",
-            *writer.lines,
-            *lines,
-            "    return any;",
-            "}",
-        ]
-    )
+    head = ["static int eval_reinit(Model *m) {", "    int any = 0; (void)m;"]
+    return "\n".join([*head, *writer.lines, *lines, "    return any;", "}"])
 
 
 def store_function(
@@ -90,8 +79,7 @@ def store_function(
     The time that a compiler takes for a function grows with the square of its length."""
 
     def body(part: Sequence[StoredValue]) -> list[str]:
-        writer = ExpressionWriter({**leaves, **kept})
-        writer.write([t.node for t in part])
+        writer = ExpressionWriter({**leaves, **kept}, [t.node for t in part])
         return [*writer.lines, *(f"    {t.place} = {writer.term(t.node)};" for t in part)]
 
     whole, lines = body(targets) or ["    (void)m;"], []
@@ -114,12 +102,10 @@ def start_function(
     lines: list[str] = []
     for later in (False, True):
         group = [s for s in starts if bool(b.symbols(s[2]) & states) is later]
-        writer = ExpressionWriter(leaves)
-        writer.write([n for _, _, n in group])
+        writer = ExpressionWriter(leaves, [n for _, _, n in group])
         stores = [f"    if (!{set_}) {place} = {writer.term(n)};" for place, set_, n in group]
         lines += ["    {", *writer.lines, *stores, "    }"] if group else []
-    writer = ExpressionWriter(leaves)
-    writer.write([n for _, _, n in steps])
+    writer = ExpressionWriter(leaves, [n for _, _, n in steps])
     lines += [*writer.lines, *(f"    {pre} = {now} = {writer.term(n)};" for pre, now, n in steps)]
     return "\n".join(["static void start(Model *m) {", *(lines or ["    (void)m;"]), "}"])
 

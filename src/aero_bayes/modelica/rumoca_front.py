@@ -23,8 +23,16 @@ from aero_bayes.files import ScratchFolder, make_once
 from aero_bayes.modelica.edits import TextEdit, apply_edits
 from aero_bayes.modelica.equation_system import translate
 from aero_bayes.modelica.flat import FlatModel
-from aero_bayes.modelica.library import check_model_name, copy_sources, library_roots, needed_libraries, rig_packages
-from aero_bayes.modelica.library_view import link_packages, names_used_in
+from aero_bayes.modelica.graphs import reachable
+from aero_bayes.modelica.library import (
+    check_model_name,
+    copy_sources,
+    library_roots,
+    link_packages,
+    names_used_in,
+    needed_libraries,
+    rig_packages,
+)
 from aero_bayes.modelica.rumoca_document import read_structured
 from aero_bayes.modelica.source_check import locate, refuse_dropped
 from aero_bayes.modelica.sources import modelica_files, read_modelica_text, sources_in
@@ -66,8 +74,10 @@ def explain_imbalance(name: str, flat: FlatModel) -> InputError | None:
     graph = scipy.sparse.csr_array(entries, shape=(len(rows), len(unknowns)))
     unknown_of = scipy.sparse.csgraph.maximum_bipartite_matching(graph, perm_type="column").tolist()
     equation_of = {u: k for k, u in enumerate(unknown_of) if u >= 0}
-    few = _reached([u for u in range(len(unknowns)) if u not in equation_of], columns, unknown_of)
-    many = [unknown_of[k] for k in _reached([k for k, u in enumerate(unknown_of) if u < 0], rows, equation_of)]
+    # all that could be left over in place of what is, by exchanges along the matching
+    few = reachable(set(range(len(unknowns))) - {*equation_of}, lambda u: (unknown_of[k] for k in columns[u]))
+    spare = (k for k, u in enumerate(unknown_of) if u < 0)
+    many = [unknown_of[k] for k in reachable(spare, lambda k: (equation_of[u] for u in rows[k]))]
     count = f"{name}: {len(rows)} equations for {len(unknowns)} unknowns: "
     if few:
         listed = [unknowns[u].name for u in sorted(few)]
@@ -80,19 +90,6 @@ def explain_imbalance(name: str, flat: FlatModel) -> InputError | None:
         if e.place and _plain(listed) & {n for t in (e.left, e.right) for n in names_in(t)}
     ]
     return InputError(f"{told[-1]}: {count}too many equations determine {_some(listed)}") if told else None
-
-
-def _reached(free: Sequence[int], across: Sequence[Sequence[int]], back: Sequence[int] | dict[int, int]) -> list[int]:
-    """Return all that could be left over in place of ``free``, by exchanges along the matching."""
-    found = dict.fromkeys(free)
-    open_ = list(free)
-    while open_:
-        for other in across[open_.pop()]:
-            partner = back[other]
-            if partner not in found:
-                found[partner] = None
-                open_.append(partner)
-    return list(found)
 
 
 def _plain(names: Iterable[str]) -> set[str]:

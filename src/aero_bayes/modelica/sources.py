@@ -179,19 +179,15 @@ def read_file(path: Path, name: str) -> SourceFile:
         raise InputError(f"{path}: {error}") from None
 
 
-def read_classes_of(source: Path) -> tuple[ClassText, ...]:
-    """Return all classes with a body in a Modelica file or in the folder of a package."""
-    return tuple(cls for _, cls in reversed([*sources_in(modelica_files([source])).by_name.values()]))
-
-
 def main_class(source: Path) -> str:
     """Find the full name of the one model of a source that no other class there uses."""
     if not source.exists():
         raise InputError(no_such_file(source))
-    found = [c for c in read_classes_of(source) if c.kind in ("model", "block", "class") and not c.partial]
+    classes = [cls for _, cls in reversed([*sources_in(modelica_files([source])).by_name.values()])]
+    found = [c for c in classes if c.kind in ("model", "block", "class") and not c.partial]
     words = {
         c.full_name: {t.word for s in c.statements for t in s.tokens} | {b.rpartition(".")[2] for b in c.bases()}
-        for c in read_classes_of(source)
+        for c in classes
     }
     roots = [c for c in found if not any(c.name in own for name, own in words.items() if name != c.full_name)]
     if len(roots) == 1:

@@ -15,6 +15,7 @@ from random import Random
 from aero_bayes.modelica.causalisation import ExplicitModel
 from aero_bayes.modelica.equation_system import ScalarVariable
 from aero_bayes.modelica.expression import Builder, Node, evaluate_nodes, topological_order
+from aero_bayes.modelica.graphs import reachable
 from aero_bayes.modelica.linear_equations import AlgebraicLoop
 from aero_bayes.modelica.operators import Relation
 from aero_bayes.modelica.tokens import without_indices
@@ -253,20 +254,12 @@ class _Search:
 
     def _through_symbols(self, slope: Node, sides: Mapping[Node, tuple[Node, Node]]) -> bool:
         """Return whether it depends on the relations by the unknowns of loops or by discrete variables."""
-        stack, seen = [*self.b.symbols(slope)], set[Node]()
-        while stack:
-            s = stack.pop()
-            if s in seen:
-                continue
-            seen.add(s)
-            deeper = self.loop_of.get(s, ())
-            if s in self.instant:
-                deeper = (self.model.discrete.updates[s],)
-            for e in deeper:
-                if any(n in sides for n in topological_order([e], {})):
-                    return True
-                stack += self.b.symbols(e)
-        return False
+
+        def deeper(s: Node) -> tuple[Node, ...]:
+            return (self.model.discrete.updates[s],) if s in self.instant else self.loop_of.get(s, ())
+
+        symbols = reachable(self.b.symbols(slope), lambda s: (n for e in deeper(s) for n in self.b.symbols(e)))
+        return any(n in sides for n in topological_order([e for s in symbols for e in deeper(s)], {}))
 
     def _agree(self, both: list[Node]) -> bool:
         """Return whether two expressions have the same value at a few points."""

@@ -310,17 +310,15 @@ def map_names(tree: Expression, change: Callable[[Name], Expression]) -> Express
     return change(whole) if isinstance(whole, Name) else whole
 
 
-def map_names_in_statement(
-    s: Statement, change: Callable[[Name], Expression], target: Callable[[Name], Name]
-) -> Statement:
-    """Return a copy of a statement: expressions by ``change``, what is assigned by ``target``."""
+def map_names_in_statement(s: Statement, change: Callable[[Name], Expression]) -> Statement:
+    """Return a copy of a statement: expressions by ``change``, what is assigned as it is."""
 
     def body(inner: tuple[Statement, ...]) -> tuple[Statement, ...]:
-        return tuple(map_names_in_statement(i, change, target) for i in inner)
+        return tuple(map_names_in_statement(i, change) for i in inner)
 
     match s:
         case Assign(targets, value):
-            return Assign(tuple(None if t is None else target(t) for t in targets), map_names(value, change))
+            return Assign(targets, map_names(value, change))
         case IfStatement(branches, otherwise):
             return IfStatement(tuple((map_names(c, change), body(b)) for c, b in branches), body(otherwise))
         case ForStatement(variable, values, inner):
@@ -330,7 +328,7 @@ def map_names_in_statement(
         case WhenStatement(branches):
             return WhenStatement(tuple((map_names(c, change), body(b)) for c, b in branches))
         case ReinitStatement(state, value):
-            return ReinitStatement(target(state), map_names(value, change))
+            return ReinitStatement(state, map_names(value, change))
         case AssertStatement(condition, message):
             return AssertStatement(map_names(condition, change), message)
         case UnsupportedStatement():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import asdict, dataclass, replace
 
 import numpy as np
@@ -10,7 +11,7 @@ from scipy.special import ndtri
 
 from aero_bayes.arrays import FloatArray
 from aero_bayes.display import SettingsDisplay
-from aero_bayes.estimate.whiteness import autocovariance, integrated_time
+from aero_bayes.estimate.noise import autocovariance, integrated_time
 
 
 @dataclass(frozen=True, repr=False)
@@ -128,6 +129,12 @@ class Convergence:
     ess_bulk: float
     ess_tail: float
 
+    @classmethod
+    def worst(cls, found: Iterable[Convergence]) -> Convergence:
+        """Return the worst of each diagnostic over several quantities or chains."""
+        r_hat, tau, bulk, tail = zip(*((d.r_hat, d.tau, d.ess_bulk, d.ess_tail) for d in found), strict=True)
+        return cls(max(r_hat), max(tau), min(bulk), min(tail))
+
 
 def check_convergence(samples: FloatArray, *, coupled: bool = True) -> Convergence:
     """Diagnose one quantity, shape (ensembles, steps, walkers)."""
@@ -153,8 +160,8 @@ class StoppingDecision:
 
     @property
     def line(self) -> str:
-        tau, ess = max(d.tau for d in self.diagnoses), min(d.ess_bulk for d in self.diagnoses)
-        return f"R-hat {max(d.r_hat for d in self.diagnoses):.4f}, tau {tau:.1f}, ESS {ess:.0f}"
+        worst = Convergence.worst(self.diagnoses)
+        return f"R-hat {worst.r_hat:.4f}, tau {worst.tau:.1f}, ESS {worst.ess_bulk:.0f}"
 
 
 def decide(points: FloatArray, settings: SampleSettings, *, coupled: bool) -> StoppingDecision:
@@ -168,11 +175,11 @@ def decide(points: FloatArray, settings: SampleSettings, *, coupled: bool) -> St
         return StoppingDecision(False, "fewer than 8 steps were kept", (nothing,) * dimension, MIN_STEPS)
     steps = points.shape[1]
     diagnoses = tuple(check_convergence(points[..., j], coupled=coupled) for j in range(dimension))
-    tau, worst = max(d.tau for d in diagnoses), max(d.r_hat for d in diagnoses)
-    low = min(min(d.ess_bulk, d.ess_tail) for d in diagnoses)
+    worst = Convergence.worst(diagnoses)
+    tau, low = worst.tau, min(worst.ess_bulk, worst.ess_tail)
     missed, wanted = [], float(steps)
-    if worst > settings.r_hat:
-        missed.append(f"R-hat {worst:.4f} is above {settings.r_hat:g}")
+    if worst.r_hat > settings.r_hat:
+        missed.append(f"R-hat {worst.r_hat:.4f} is above {settings.r_hat:g}")
         wanted = 1.2 * steps
     if steps < length * tau:
         missed.append(f"the chain has {steps / tau:.0f} autocorrelation times, {length:g} are needed")

@@ -229,21 +229,9 @@ class Chain:
         return float(np.mean(np.any(np.diff(self.points, axis=1) != 0.0, axis=-1))) if self.points.shape[1] > 1 else 0.0
 
     @property
-    def tau(self) -> float:
-        """Longest autocorrelation time in steps."""
-        return max(d.tau for d in self.diagnoses)
-
-    @property
-    def r_hat(self) -> float:
-        return max(d.r_hat for d in self.diagnoses)
-
-    @property
-    def ess_bulk(self) -> float:
-        return min(d.ess_bulk for d in self.diagnoses)
-
-    @property
-    def ess_tail(self) -> float:
-        return min(d.ess_tail for d in self.diagnoses)
+    def worst(self) -> Convergence:
+        """Worst of each diagnostic over all dimensions."""
+        return Convergence.worst(self.diagnoses)
 
 
 def run_chain(

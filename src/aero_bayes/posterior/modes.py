@@ -20,7 +20,6 @@ from aero_bayes.estimate.modes import is_another, likelihood_temperature
 from aero_bayes.estimate.objective import objective_of
 from aero_bayes.estimate.result import Fit
 from aero_bayes.estimate.target import CurvatureAdjustment, JointTarget
-from aero_bayes.posterior.convergence import Convergence
 from aero_bayes.posterior.mcmc import Chain
 from aero_bayes.posterior.moves import WarpedStudentT
 from aero_bayes.simulation.interface import Simulator
@@ -229,17 +228,6 @@ def mixed(
     points = np.concatenate([p[:, rows] for (p, _), rows in zip(parts, taken, strict=True)], axis=1)
     density = np.concatenate([level[:, rows] for (_, level), rows in zip(parts, taken, strict=True)], axis=1)
     return points[:, order], density[:, order], [n * points.shape[0] for n in counts]
-
-
-def worst(chains: Sequence[Chain]) -> tuple[Convergence, ...]:
-    """Return the diagnosis of each dimension in the chain that is worst in it."""
-    return tuple(
-        Convergence(
-            max(d.r_hat for d in each), max(d.tau for d in each), min(d.ess_bulk for d in each),
-            min(d.ess_tail for d in each),
-        )
-        for each in zip(*(chain.diagnoses for chain in chains), strict=True)
-    )  # fmt: skip
 
 
 def mode_rows(

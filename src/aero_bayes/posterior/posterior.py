@@ -120,22 +120,22 @@ class Posterior(FittedResult, HasPage):
     @property
     def tau(self) -> float:
         """Longest autocorrelation time in steps."""
-        return max(d.tau for d in self.diagnoses.values())
+        return Convergence.worst(self.diagnoses.values()).tau
 
     @property
     def r_hat_max(self) -> float:
         """Largest rank-normalised R-hat of any parameter; at most 1.01 is asked for."""
-        return max(d.r_hat for d in self.diagnoses.values())
+        return Convergence.worst(self.diagnoses.values()).r_hat
 
     @property
     def ess_bulk_min(self) -> float:
         """Fewest effective draws for the middle of any parameter."""
-        return min(d.ess_bulk for d in self.diagnoses.values())
+        return Convergence.worst(self.diagnoses.values()).ess_bulk
 
     @property
     def ess_tail_min(self) -> float:
         """Fewest effective draws for the tails of any parameter."""
-        return min(d.ess_tail for d in self.diagnoses.values())
+        return Convergence.worst(self.diagnoses.values()).ess_tail
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -187,7 +187,7 @@ class Posterior(FittedResult, HasPage):
         return base | {
             "parameters": plain(self.parameters | chosen_estimates(self.fit.trials)),
             "noise": noise_table(self.calibration.data, self.noise),
-            "process_noise": process_noise_table(self.calibration.simulated.process, self.parameters),
+            "process_noise": process_noise_table(self.calibration.process, self.parameters),
             "mcmc": picked(
                 self,
                 "walkers tau r_hat_max ess_bulk_min ess_tail_min seconds converged reason acceptance evaluations",
@@ -203,7 +203,11 @@ class Posterior(FittedResult, HasPage):
 
     def save(self, path: Path | str) -> Path:
         """Write ArviZ InferenceData (netCDF) to ``path``, whole or not at all."""
-        return save(self, Path(path))
+        path = Path(path)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with whole_file(path) as temporary:
+            self.to_arviz().to_netcdf(str(temporary), engine="h5netcdf")
+        return path
 
     def to_arviz(self) -> Any:
         """Return the draws as ArviZ takes them: InferenceData, from ArviZ 1.0 on a DataTree.
@@ -214,7 +218,17 @@ class Posterior(FittedResult, HasPage):
         >>> arviz.summary(posterior.to_arviz(), var_names=["k", "d"]).index.to_list()
         ['k', 'd']
         """
-        return to_inference_data(self)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            import arviz
+
+            groups, coords, dims = _groups(self)
+            groups = {name: variables for name, variables in groups.items() if variables}
+            new = int(arviz.__version__.split(".")[0]) >= 1
+            make: Any = arviz.from_dict
+            data = make(groups, coords=coords, dims=dims) if new else make(**groups, coords=coords, dims=dims)
+            data.attrs.update({"converged": int(self.converged), "reason": self.reason, "seed": self.seed})
+            return data
 
     @property
     def predictor(self) -> FittedPredictor:
@@ -333,34 +347,6 @@ def _prior(posterior: Posterior) -> dict[str, Any]:
     part = ParameterSet(tuple(fit.calibration.parameters.items[j] for j in fit.free))
     drawn = part.sample_prior(np.random.default_rng(posterior.seed), posterior.draws.shape[1])
     return {name: drawn[None, :, j] for j, name in enumerate(part.names)}
-
-
-def to_inference_data(posterior: Posterior) -> Any:
-    """Make ArviZ InferenceData, or the DataTree that takes its place from ArviZ 1.0 on."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        import arviz
-
-        groups, coords, dims = _groups(posterior)
-        groups = {name: variables for name, variables in groups.items() if variables}
-        attributes = {"converged": int(posterior.converged), "reason": posterior.reason, "seed": posterior.seed}
-        if int(arviz.__version__.split(".")[0]) >= 1:
-            data = arviz.from_dict(groups, coords=coords, dims=dims)
-            data.attrs.update(attributes)
-            return data
-        old: Any = arviz.from_dict
-        data = old(**groups, coords=coords, dims=dims)
-        data.attrs.update(attributes)
-        return data
-
-
-def save(posterior: Posterior, path: Path) -> Path:
-    """Write netCDF to a temporary file beside ``path`` and rename it."""
-    path = Path(path)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with whole_file(path) as temporary:
-        to_inference_data(posterior).to_netcdf(str(temporary), engine="h5netcdf")
-    return path
 
 
 def draws_in(path: Path) -> dict[str, FloatArray]:

@@ -26,7 +26,7 @@ from aero_bayes.estimate.prediction import (
 )
 from aero_bayes.estimate.result import Fit, HasFit, fit_of
 from aero_bayes.estimate.target import JointTarget
-from aero_bayes.posterior.convergence import SampleSettings
+from aero_bayes.posterior.convergence import Convergence, SampleSettings
 from aero_bayes.posterior.mcmc import Chain, run_chain
 from aero_bayes.posterior.modes import (
     ModeDraws,
@@ -36,7 +36,6 @@ from aero_bayes.posterior.modes import (
     mode_fits,
     mode_rows,
     mode_shares,
-    worst,
 )
 from aero_bayes.posterior.moves import WarpedStudentT
 from aero_bayes.posterior.posterior import Posterior
@@ -45,19 +44,16 @@ from aero_bayes.simulation.engines import open_simulator
 from aero_bayes.simulation.interface import Outcome, Simulator
 from aero_bayes.simulation.native_simulator import NativeSimulator
 
+#: Sample times of which whole draws are kept, and blocks of time whose density is given.
+_STORED, _BLOCKS = 600, 2000
+
 
 def posterior_predictive(
-    joint: JointTarget,
-    points: FloatArray,
-    band_factors: FloatArray,
-    rng: np.random.Generator,
-    *,
-    stored: int = 600,
-    blocks: int = 2000,
+    joint: JointTarget, points: FloatArray, band_factors: FloatArray, rng: np.random.Generator
 ) -> tuple[Predictive, ...]:
     """Predict each recording from posterior draws."""
     if joint.target.objective.filters:
-        return _filtered(joint, points[:, : len(joint.target.free)], band_factors, rng, stored, blocks)
+        return _filtered(joint, points[:, : len(joint.target.free)], band_factors, rng)
     free = len(joint.target.free)
     noise = joint.layout.unpack(points[:, free:])[:, 0]
     experiments = joint.target.calibration.data.experiments
@@ -70,19 +66,21 @@ def posterior_predictive(
             measured = np.asarray(experiment.measured)
             collected[e].append(outputs[e].astype(np.float32))
             density = recording_log_density(experiment.time, measured - likely[e], noise[rows])
-            bounds = edges(experiment.time.size, blocks)
+            bounds = edges(experiment.time.size, _BLOCKS)
             densities[e].append(np.add.reduceat(density, bounds[:-1], axis=1))
     if not kept_noise:
         raise CannotFinishError("no draw of the posterior could be simulated over the recordings")
     sd = np.concatenate(kept_noise)
     return tuple(
-        predict_from_outputs(e.time, np.concatenate(y), sd, np.concatenate(density), band_factors, rng, stored, blocks)
+        predict_from_outputs(
+            e.time, np.concatenate(y), sd, np.concatenate(density), band_factors, rng, _STORED, _BLOCKS
+        )
         for e, y, density in zip(experiments, collected, densities, strict=True)
     )
 
 
 def _filtered(
-    joint: JointTarget, coordinates: FloatArray, factors: FloatArray, rng: np.random.Generator, stored: int, blocks: int
+    joint: JointTarget, coordinates: FloatArray, factors: FloatArray, rng: np.random.Generator
 ) -> tuple[Predictive, ...]:
     """Predict each reading from all before it, by the filter of each draw (with process noise)."""
     found = cast(NativeSimulator, joint.target.simulator).filter(joint.target.values(coordinates))
@@ -90,7 +88,7 @@ def _filtered(
     if not good.any():
         raise CannotFinishError("no draw of the posterior could be filtered over the recordings")
     return tuple(
-        predict_from_filter(e.time, np.asarray(e.measured), y[good], variance[good], factors, rng, stored, blocks)
+        predict_from_filter(e.time, np.asarray(e.measured), y[good], variance[good], factors, rng, _STORED, _BLOCKS)
         for e, y, variance in zip(
             joint.target.calibration.data.experiments, found.predicted, found.variance, strict=True
         )
@@ -213,6 +211,7 @@ def _sample(
     )
     short = [f"answer {k + 1} of {len(chains)}: {c.reason}" for k, c in enumerate(chains) if not c.converged]
     steps = min(chain.points.shape[1] for chain in chains)
+    found = [chain.diagnoses for chain in chains]
     trace = np.concatenate([chain.points[:, :steps].mean(axis=2) for chain in chains])
     return Posterior(
         fit=fit,
@@ -220,7 +219,7 @@ def _sample(
         draws=_physical(joint, points),
         log_posterior=density,
         trace=_physical(joint, trace),
-        diagnoses=dict(zip(joint.names, worst(chains), strict=True)),
+        diagnoses=dict(zip(joint.names, map(Convergence.worst, zip(*found, strict=True)), strict=True)),
         predictive=predictive,
         converged=all(chain.converged for chain in chains),
         reason=short[0] if short and len(chains) > 1 else chains[0].reason,

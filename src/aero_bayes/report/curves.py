@@ -126,9 +126,7 @@ def recording_panels(
 def _state_panel(run: RunDirectory, recording: str, name: str) -> Panel:
     """Return a state as all readings together have it, with its 90 % band."""
     time = run.time(recording)
-    mean, low, high = (
-        curve(run, group, recording, name) for group in ("smoothed", "smoothed_lower", "smoothed_upper")
-    )
+    mean, low, high = (curve(run, group, recording, name) for group in ("smoothed", "smoothed_lower", "smoothed_upper"))
     factor, unit = scaled_unit(largest(mean), run.result.unit(name))
     layers: list[Layer] = []
     if low is not None and high is not None:

@@ -8,7 +8,7 @@ import numpy as np
 from markupsafe import Markup
 
 from aero_bayes.arrays import FloatArray
-from aero_bayes.estimate.whiteness import autocorrelation
+from aero_bayes.estimate.noise import autocorrelation
 from aero_bayes.report.curves import FINAL_SERIES, largest, left_over
 from aero_bayes.report.drawing import Band, Dots, Layer, Line, Panel, Plate, plate
 from aero_bayes.report.run_directory import RunDirectory

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import zipfile
 import zlib
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path, PurePosixPath
 
 from aero_bayes.errors import InputError
@@ -17,45 +19,41 @@ DESCRIPTION = "modelDescription.xml"
 _UNREADABLE = (zipfile.BadZipFile, zlib.error, EOFError, OSError, NotImplementedError, RuntimeError, ValueError)
 
 
+@contextmanager
+def _opened(path: Path) -> Iterator[zipfile.ZipFile]:
+    try:
+        with zipfile.ZipFile(path) as archive:
+            yield archive
+    except InputError:
+        raise
+    except _UNREADABLE as error:
+        raise InputError(f"{path}: not a readable zip archive (expected an FMU): {error}") from error
+
+
 def read_texts(path: Path, *optional: str) -> tuple[set[str], list[bytes]]:
     """Return the members' names of an FMU, its model description, and further members, empty where
     they are not there."""
-    try:
-        with zipfile.ZipFile(path) as archive:
-            names = _check_members(path, archive)
-            if DESCRIPTION not in names:
-                raise InputError(f"{path}: no {DESCRIPTION} inside, so this is not an FMU")
-            for name in (DESCRIPTION, *optional):
-                if name in names and archive.getinfo(name).file_size > MAX_TEXT_BYTES:
-                    raise InputError(f"{path}: {name} is larger than {MAX_TEXT_BYTES >> 20} MiB")
-            return names, [archive.read(name) if name in names else b"" for name in (DESCRIPTION, *optional)]
-    except _UNREADABLE as error:
-        raise _unreadable(path, error) from error
+    with _opened(path) as archive:
+        names = _check_members(path, archive)
+        if DESCRIPTION not in names:
+            raise InputError(f"{path}: no {DESCRIPTION} inside, so this is not an FMU")
+        for name in (DESCRIPTION, *optional):
+            if name in names and archive.getinfo(name).file_size > MAX_TEXT_BYTES:
+                raise InputError(f"{path}: {name} is larger than {MAX_TEXT_BYTES >> 20} MiB")
+        return names, [archive.read(name) if name in names else b"" for name in (DESCRIPTION, *optional)]
 
 
 def first_bytes(path: Path, name: str, count: int) -> bytes:
     """Return the beginning of a member."""
-    try:
-        with zipfile.ZipFile(path) as archive, archive.open(name) as member:
-            return member.read(count)
-    except _UNREADABLE as error:
-        raise _unreadable(path, error) from error
+    with _opened(path) as archive, archive.open(name) as member:
+        return member.read(count)
 
 
 def extract(path: Path, folder: Path) -> None:
     """Unpack into an existing private folder; no member leaves it, and none is larger than it says."""
-    try:
-        with zipfile.ZipFile(path) as archive:
-            _check_members(path, archive)
-            archive.extractall(folder)
-    except _UNREADABLE as error:
-        raise _unreadable(path, error) from error
-
-
-def _unreadable(path: Path, error: Exception) -> InputError:
-    if isinstance(error, InputError):
-        return error
-    return InputError(f"{path}: not a readable zip archive (expected an FMU): {error}")
+    with _opened(path) as archive:
+        _check_members(path, archive)
+        archive.extractall(folder)
 
 
 def _check_members(path: Path, archive: zipfile.ZipFile) -> set[str]:

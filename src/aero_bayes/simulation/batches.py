@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import accumulate
 from pathlib import Path
@@ -80,23 +81,28 @@ class Batches:
         sensitivities = tuple(np.empty((n, *shape, q)) for shape in shapes)
         outcomes = np.zeros((n, len(shapes)), dtype=np.uint8)
         steps = np.zeros((n, len(shapes)), dtype=np.int64)
-        per_row = 8 * (1 + q) * sum(a * b for a, b in shapes)
-        rows = max(1, min(MAX_ROWS, BLOCK_BYTES // max(1, per_row)))
-        for start in range(0, n, rows):
-            part = slice(start, min(n, start + rows))
-            with self.pool.lock:
-                block = self.run(mode, values[part], columns, None)
-                outcomes[part], steps[part] = block.outcomes, block.steps
-                for e in range(len(shapes)):
-                    bad = block.outcomes[:, e] != Outcome.OK
-                    outputs[e][part] = block.outputs[e]
-                    outputs[e][part][bad] = np.nan
-                    if q:
-                        sensitivities[e][part] = block.sensitivities[e]
-                        sensitivities[e][part][bad] = np.nan
+        for part, block in self.blocks(mode, values, columns, None, (1 + q) * sum(a * b for a, b in shapes)):
+            outcomes[part], steps[part] = block.outcomes, block.steps
+            for e in range(len(shapes)):
+                bad = block.outcomes[:, e] != Outcome.OK
+                outputs[e][part] = block.outputs[e]
+                outputs[e][part][bad] = np.nan
+                if q:
+                    sensitivities[e][part] = block.sensitivities[e]
+                    sensitivities[e][part][bad] = np.nan
         return Trajectories(outputs, sensitivities if active is not None else None, outcomes, steps)
 
-    def run(self, mode: int, values: FloatArray, columns: NDArray[np.int64], noise: FloatArray | None) -> Block:
+    def blocks(
+        self, mode: int, values: FloatArray, columns: NDArray[np.int64], noise: FloatArray | None, numbers: int
+    ) -> Iterator[tuple[slice, Block]]:
+        """Run some rows at a time, each of which gives so many numbers; a block is valid until the next one."""
+        rows = max(1, min(MAX_ROWS, BLOCK_BYTES // max(1, 8 * numbers)))
+        for start in range(0, len(values), rows):
+            part = slice(start, min(len(values), start + rows))
+            with self.pool.lock:
+                yield part, self._run(mode, values[part], columns, None if noise is None else noise[part])
+
+    def _run(self, mode: int, values: FloatArray, columns: NDArray[np.int64], noise: FloatArray | None) -> Block:
         """Lay one block out in shared memory and run it; the pool's lock is held."""
         varies = noise is not None and noise.strides[0] != 0
         noise_size = 0 if noise is None else noise[0].size * (len(noise) if varies else 1)

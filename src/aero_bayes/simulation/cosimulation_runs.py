@@ -1,4 +1,4 @@
-"""Runs of a co-simulation FMU by FMPy, inside a worker process."""
+"""FMUs as FMPy loads them, FMI 3.0 under the names of FMI 2.0; runs of co-simulation inside a worker process."""
 
 from __future__ import annotations
 
@@ -7,76 +7,102 @@ import ctypes
 import os
 import pickle
 import time as clock
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from enum import Enum
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from fmpy import calloc, free
 from fmpy.fmi1 import FMICallException
-from numpy.typing import ArrayLike
+from fmpy.fmi2 import (
+    FMU2Model,
+    FMU2Slave,
+    fmi2CallbackAllocateMemoryTYPE,
+    fmi2CallbackFreeMemoryTYPE,
+    fmi2CallbackFunctions,
+    fmi2CallbackLoggerTYPE,
+)
+from fmpy.fmi3 import FMU3Model, FMU3Slave
 
 from aero_bayes.arrays import FloatArray
-from aero_bayes.simulation import fmpy_fmu
-from aero_bayes.simulation.interface import (
-    DelayTarget,
-    Experiment,
-    InputSignal,
-    Outcome,
-    ParameterTarget,
-    Problem,
-    ProblemTarget,
-)
+from aero_bayes.simulation.interface import InputSignal, Outcome, Problem
 from aero_bayes.simulation.model_description import ModelDescription
+from aero_bayes.simulation.problem_checks import linear_signals, parameters_of_run, signals_of_run, value_at
 from aero_bayes.simulation.worker_group import LoadError
 from aero_bayes.simulation.worker_main import JOB_WORDS, NOT_LOADED, SPENT
 
-
-def signals_of_run(
-    experiment: Experiment, row: Sequence[ProblemTarget | None], values: FloatArray
-) -> tuple[InputSignal, ...]:
-    """Apply one parameter vector's delays to the input signals of an experiment."""
-    signals = []
-    for signal in experiment.inputs:
-        delaying = (isinstance(t, DelayTarget) and t.input in (None, signal.name) for t in row)
-        delay = sum(float(value) for value, delays in zip(values, delaying, strict=True) if delays)
-        signals.append(replace(signal, time=signal.time + delay))
-    return tuple(signals)
-
-
-def parameters_of_run(problem: Problem, number: int, values: FloatArray) -> dict[str, float]:
-    """Return the parameters of one run that do not keep the model's own value."""
-    row = zip(problem.targets[number], values, strict=True)
-    fitted = {target.name: float(value) for target, value in row if isinstance(target, ParameterTarget)}
-    return {**problem.fixed, **problem.experiments[number].known, **fitted}
-
-
-def signal_values(signal: InputSignal, time: ArrayLike) -> FloatArray:
-    """Compute an input at times of any shape."""
-    at = np.asarray(time, dtype=float)
-    if signal.interpolation == "linear":
-        return np.asarray(np.interp(at, signal.time, signal.values))
-    cell = np.searchsorted(signal.time, at + 1e-12 * np.maximum(1.0, np.abs(at)), side="right") - 1
-    return np.asarray(signal.values[np.maximum(cell, 0)])
-
-
-def value_at(signal: InputSignal, t: float, segment: float) -> float:
-    """Value at t within the segment that starts at `segment` (which decides on the side of a jump)."""
-    return float(signal_values(signal, t if signal.interpolation == "linear" else segment))
-
-
-def linear_signals(signals: tuple[InputSignal, ...]) -> tuple[InputSignal, ...]:
-    """Return those that are interpolated linearly."""
-    return tuple(signal for signal in signals if signal.interpolation == "linear")
-
-
 LAST_STEP = 1e-3  # of a sampling interval, where an input moves linearly
 STEP_SHARE = 1e-6  # of a step: samples that are so near to its end are there
-WORDS = "words"  # file in a worker's folder with what its FMU said last of trouble
 _TOTAL, _EXPERIMENTS, _P, _VALUES, _OUTCOME, _TABLE = map(
     JOB_WORDS.index, ("total", "experiments", "p", "values", "outcomes", "table")
 )
+
+
+class _Fmi2Names:
+    """The methods of FMI 2.0 that have another name in FMI 3.0."""
+
+    def setupExperiment(self, startTime: float = 0.0) -> None:
+        self._begin = startTime
+
+    def enterInitializationMode(self) -> None:
+        super().enterInitializationMode(startTime=self._begin)  # type: ignore[misc]
+
+    def setReal(self, references: list[int], values: list[float]) -> None:
+        self.setFloat64(references, values)  # type: ignore[attr-defined]
+
+    def getReal(self, references: list[int]) -> Any:
+        return self.getFloat64(references)  # type: ignore[attr-defined]
+
+    def getInteger(self, references: list[int]) -> Any:
+        return self.getInt32(references)  # type: ignore[attr-defined]
+
+    def newDiscreteStates(self) -> Any:
+        return self.updateDiscreteStates()  # type: ignore[attr-defined]
+
+    def getDerivatives(self, pointer: Any, size: int) -> None:
+        self.getContinuousStateDerivatives(pointer, size)  # type: ignore[attr-defined]
+
+
+class _Model3(_Fmi2Names, FMU3Model):  # type: ignore[misc]
+    pass
+
+
+class _Slave3(_Fmi2Names, FMU3Slave):  # type: ignore[misc]
+    def doStep(self, time: float, step: float) -> None:
+        _, stop, early, reached = super().doStep(time, step)
+        if stop or (early and reached < time + step):
+            raise RuntimeError("the FMU ended the step early")
+
+
+def open_fmu(model: ModelDescription, folder: Path) -> Any:
+    """Load and instantiate a model unpacked into a folder; what it logs goes nowhere."""
+    slave = model.interface == "co-simulation"
+    kind = {(2, False): FMU2Model, (2, True): FMU2Slave, (3, False): _Model3, (3, True): _Slave3}
+    path = str(model.binary_in(folder))
+    try:
+        with contextlib.chdir("."):  # FMPy stays in the binary's folder where loading fails
+            fmu = kind[model.fmi_version, slave](
+                guid=model.guid,
+                unzipDirectory=str(folder),
+                modelIdentifier=model.identifier,
+                instanceName=model.identifier,
+                libraryPath=path,
+            )
+    except Exception as error:  # FMPy raises no class of its own
+        reason = error.__context__ if isinstance(error.__context__, OSError) else error
+        if not isinstance(reason, OSError | AttributeError):
+            raise
+        raise LoadError(str(reason).removeprefix(f"{path}: ")) from error
+    if model.fmi_version == 3:
+        fmu.instantiate(logMessage=lambda *_: None)
+        return fmu
+    callbacks = fmi2CallbackFunctions()
+    callbacks.logger = fmi2CallbackLoggerTYPE(lambda *_: None)
+    callbacks.allocateMemory = fmi2CallbackAllocateMemoryTYPE(calloc)
+    callbacks.freeMemory = fmi2CallbackFreeMemoryTYPE(free)
+    fmu.instantiate(callbacks=callbacks)
+    return fmu
 
 
 class Begin(Enum):
@@ -105,11 +131,6 @@ class _Instance:
     fmu: Any = None
     opened: bool = False
     values: bytes = b""
-    words: str = ""
-
-    def hear(self, words: str) -> None:
-        """Keep what the FMU says of trouble."""
-        self.words = words or self.words
 
     def ready(self, new: bool) -> Any:
         """FMPy's object for the FMU, reset or instantiated anew."""
@@ -121,7 +142,7 @@ class _Instance:
             self.fmu.freeInstance()
             self.fmu = None
         try:
-            self.fmu = fmpy_fmu.open_fmu(self.model, self.folder, self.hear)
+            self.fmu = open_fmu(self.model, self.folder)
         except LoadError:
             raise
         except Exception as error:  # FMPy's own errors have no common class
@@ -138,36 +159,14 @@ class CosimulationRuns:
     instance: _Instance
     substeps: int
     load_error: str = ""
-    _slot: Any = None
+    slot: Any = None
 
-    def batch(self, engine: ctypes.CDLL, base: int, job: int, slot: int, first: int) -> int:
-        """Take tasks from the job's counter until none is left; base, job and slot are addresses. Ends as the
-        engine's own (native/batch.c).
-        """
-        words = (ctypes.c_int64 * len(JOB_WORDS)).from_address(job)
-        mine = self._slot = (ctypes.c_int64 * 3).from_address(slot)
-        outcomes = (ctypes.c_uint8 * words[_TOTAL]).from_address(base + words[_OUTCOME])
-        index = first if first >= 0 else engine.ab_take(job)
-        while index < words[_TOTAL]:
-            if outcomes[index] == 255:
-                self._stamp()
-                mine[0] = index
-                try:
-                    outcomes[index] = self._do(words, base, index)
-                except _SpentError:
-                    return SPENT
-                except LoadError as error:
-                    self.load_error = str(error)
-                    mine[0], mine[1] = -1, 0
-                    return NOT_LOADED
-                mine[0] = -1
-            index = engine.ab_take(job)
-        return 0
+    def stamp(self) -> None:
+        """Say in the slot that a run begins, and what was computed before it."""
+        self.slot[2], self.slot[1] = clock.process_time_ns(), clock.monotonic_ns()
 
-    def _stamp(self) -> None:
-        self._slot[2], self._slot[1] = clock.process_time_ns(), clock.monotonic_ns()
-
-    def _do(self, words: Any, base: int, index: int) -> int:
+    def do(self, words: Any, base: int, index: int) -> int:
+        """Do one task of a job; returns its outcome."""
         row, number = divmod(index, words[_EXPERIMENTS])
         p = words[_P]
         values = np.ctypeslib.as_array((ctypes.c_double * p).from_address(base + words[_VALUES] + 8 * row * p))
@@ -183,10 +182,8 @@ class CosimulationRuns:
             raise
         except _NotRepeatableError:
             return Outcome.NOT_REPEATABLE
-        except Exception as error:  # FMPy's own errors have no common class
+        except Exception:  # FMPy's own errors have no common class
             self.instance.fmu = None  # not freed: the error may have been fatal
-            with contextlib.suppress(OSError):
-                Path(WORDS).write_text(self.instance.words or str(error))
             return Outcome.MODEL_ERROR
         if not np.all(np.isfinite(found)):
             return Outcome.NOT_FINITE
@@ -228,7 +225,7 @@ class CosimulationRuns:
         problem, experiment = self.problem, self.problem.experiments[number]
         model, samples = problem.model, experiment.time
         signals = signals_of_run(experiment, problem.targets[number], values)
-        self._stamp()
+        self.stamp()
         fmu = self.instance.ready(new)
         fmu.setupExperiment(startTime=float(samples[0]))
         for name, value in parameters_of_run(problem, number, values).items():
@@ -284,8 +281,26 @@ class CosimulationEngine:
         """Close the FMU."""
 
     def ab_batch(self, runs: CosimulationRuns, base: int, job: int, slot: int, first: int) -> int:
-        """Work until no task is left."""
-        return runs.batch(self._engine, base, job, slot, first)
+        """Take tasks from the job's counter until none is left; base, job and slot are addresses."""
+        words = (ctypes.c_int64 * len(JOB_WORDS)).from_address(job)
+        mine = runs.slot = (ctypes.c_int64 * 3).from_address(slot)
+        outcomes = (ctypes.c_uint8 * words[_TOTAL]).from_address(base + words[_OUTCOME])
+        index = first if first >= 0 else self._engine.ab_take(job)
+        while index < words[_TOTAL]:
+            if outcomes[index] == 255:
+                runs.stamp()
+                mine[0] = index
+                try:
+                    outcomes[index] = runs.do(words, base, index)
+                except _SpentError:
+                    return SPENT
+                except LoadError as error:
+                    runs.load_error = str(error)
+                    mine[0], mine[1] = -1, 0
+                    return NOT_LOADED
+                mine[0] = -1
+            index = self._engine.ab_take(job)
+        return 0
 
     def ab_load_error(self, runs: CosimulationRuns) -> bytes:
         """Why the FMU could not be loaded."""

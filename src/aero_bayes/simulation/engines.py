@@ -13,7 +13,7 @@ import numpy as np
 from aero_bayes.arrays import FloatArray
 from aero_bayes.errors import InputError
 from aero_bayes.simulation.batches import Batches
-from aero_bayes.simulation.cosimulation_runs import WORDS, CosimulationEngine, linear_signals
+from aero_bayes.simulation.cosimulation_runs import CosimulationEngine
 from aero_bayes.simulation.interface import (
     ClosedAtExit,
     DelayTarget,
@@ -30,6 +30,7 @@ from aero_bayes.simulation.problem_checks import (
     check_active,
     check_problem,
     check_values,
+    linear_signals,
     target_scale,
 )
 from aero_bayes.simulation.python_model import PythonModel, PythonSimulator
@@ -69,12 +70,6 @@ class CosimulationSimulator(ReducedTrajectories, ClosedAtExit):
     def close(self) -> None:
         """Stop the workers and free the model."""
         self.pool.close()
-
-    @property
-    def words(self) -> str:
-        """What the FMU said last of trouble, in its own words."""
-        told = (folder / WORDS for folder in self.pool.folder.glob("worker-*"))
-        return next((path.read_text(errors="replace") for path in told if path.is_file()), "")
 
     def _open(self, substeps: int) -> Batches:
         path = self.pool.new_path()

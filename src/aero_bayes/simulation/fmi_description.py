@@ -94,16 +94,6 @@ def jacobian_pattern(
     return tuple(tuple(i for i, row in enumerate(rows) if j in row) for j in range(len(rows)))
 
 
-def refuse_selected_states(path: Path, states: Sequence[Variable]) -> None:
-    """InputError where a state belongs to a set that the model selects while it runs."""
-    for state in states:
-        if _STATE_SET.match(state.name):
-            raise InputError(
-                f"{path}: {state.name!r} is selected while the model runs (dynamic state selection), which is not "
-                "supported: choose the states in the source, with stateSelect = StateSelect.always or .prefer"
-            )
-
-
 def candidate_copies(
     outputs: Sequence[tuple[Variable, list[int] | None]], position: Mapping[int, int], states: Sequence[Variable]
 ) -> tuple[tuple[str, int], ...]:
@@ -119,12 +109,6 @@ def candidate_copies(
         elif depends is not None and len(depends) == 1 and depends[0] in position:
             found[variable.name] = position[depends[0]]
     return tuple(found.items())
-
-
-def sha256(path: Path) -> str:
-    """Checksum of a file."""
-    with path.open("rb") as stream:
-        return hashlib.file_digest(stream, "sha256").hexdigest()
 
 
 def _number(element: Element, key: str) -> float | None:
@@ -260,7 +244,12 @@ def _states(path: Path, structure: _Structure) -> tuple[dict[int, Variable], lis
         states[at] = state.variable
         derivatives.append(variable.value_reference)
         depends.append(None if known is None else set(known))
-    refuse_selected_states(path, tuple(states.values()))
+    for chosen in states.values():
+        if _STATE_SET.match(chosen.name):
+            raise InputError(
+                f"{path}: {chosen.name!r} is selected while the model runs (dynamic state selection), which is not "
+                "supported: choose the states in the source, with stateSelect = StateSelect.always or .prefer"
+            )
     return states, derivatives, depends
 
 
@@ -297,7 +286,7 @@ def _description(path: Path, root: Element, interface: Element, three: bool) -> 
         asks = not is_true(interface, "completedIntegratorStepNotNeeded")
     return ModelDescription(
         path=path,
-        sha256=sha256(path),
+        sha256=hashlib.sha256(path.read_bytes()).hexdigest(),
         name=root.get("modelName", identifier),
         guid=root.get("instantiationToken" if three else "guid", ""),
         identifier=identifier,

@@ -9,6 +9,7 @@ from __future__ import annotations
 import ctypes
 import time as clock
 from collections.abc import Callable, Sequence
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -18,10 +19,9 @@ from fmpy.sundials import CVodeSolver
 from aero_bayes.arrays import FloatArray
 from aero_bayes.errors import InputError
 from aero_bayes.files import ScratchFolder
-from aero_bayes.simulation import fmpy_fmu
-from aero_bayes.simulation.cosimulation_runs import parameters_of_run, signals_of_run, value_at
+from aero_bayes.simulation.cosimulation_runs import open_fmu
 from aero_bayes.simulation.interface import InputSignal, Outcome, Problem, SolverSettings, StartTarget
-from aero_bayes.simulation.problem_checks import SingleRuns, check_problem
+from aero_bayes.simulation.problem_checks import SingleRuns, check_problem, parameters_of_run, signals_of_run, value_at
 from aero_bayes.simulation.worker_group import LoadError
 
 
@@ -40,7 +40,7 @@ class FmpySimulator(SingleRuns):
         self._scratch = ScratchFolder()
         problem.model.unpack(self._scratch.path)
         try:
-            self._fmu = fmpy_fmu.open_fmu(problem.model, self._scratch.path)
+            self._fmu = open_fmu(problem.model, self._scratch.path)
         except LoadError as error:
             raise LoadError(f"{problem.model.path}: its binary cannot be loaded: {error}") from None
         self._slopes_pointer = (ctypes.c_double * max(1, len(problem.model.states)))()
@@ -56,7 +56,7 @@ class FmpySimulator(SingleRuns):
 
     # -- one run -------------------------------------------------------------------------------------------------------
 
-    def _start(self, number: int, values: FloatArray, signals: tuple[InputSignal, ...]) -> list[float]:
+    def _start(self, number: int, values: FloatArray, signals: tuple[InputSignal, ...]) -> float:
         problem, fmu = self.problem, self._fmu
         model, experiment = problem.model, problem.experiments[number]
         if not self._fresh:
@@ -84,7 +84,7 @@ class FmpySimulator(SingleRuns):
             for variable, value in starts.items():
                 x[model.state_index(variable.name)] = value
             fmu.setContinuousStates(pointer, x.size)
-        return [next_event]
+        return next_event
 
     def _apply(self, signals: tuple[InputSignal, ...], t: float, segment: float) -> None:
         for signal in signals:
@@ -118,7 +118,7 @@ class FmpySimulator(SingleRuns):
         model, experiment, fmu = self.problem.model, self.problem.experiments[number], self._fmu
         signals = signals_of_run(experiment, self.problem.targets[number], values)
         deadline = clock.thread_time() + settings.time_limit
-        next_event = self._start(number, values, signals)[0]
+        next_event = self._start(number, values, signals)
         variables = [model.output(name) for name in experiment.outputs]
         samples = experiment.time
         out = np.empty((samples.size, len(variables)))
@@ -178,16 +178,13 @@ class FmpySimulator(SingleRuns):
             set_x=self._fmu.setContinuousStates,
             get_dx=self._fmu.getDerivatives,
             get_z=self._indicators,
-            get_nominals=self._nominals,
+            get_nominals=self._fmu.getNominalsOfContinuousStates,
             set_time=set_time,
-            input=_Inputs(set_time),
+            input=SimpleNamespace(apply=set_time),  # called before event indicators are asked for
             startTime=start,
             relativeTolerance=min(settings.relative_tolerance, settings.absolute_tolerance),
             maxNumSteps=settings.max_steps,
         )
-
-    def _nominals(self, pointer: Any, size: int) -> None:
-        self._fmu.getNominalsOfContinuousStates(pointer, size)
 
     def _run(self, number: int, values: FloatArray, settings: SolverSettings) -> tuple[FloatArray, Outcome]:
         experiment = self.problem.experiments[number]
@@ -201,10 +198,3 @@ class FmpySimulator(SingleRuns):
         except RuntimeError:
             return out, Outcome.SOLVER_FAILED
         return (found, Outcome.OK) if np.all(np.isfinite(found)) else (out, Outcome.NOT_FINITE)
-
-
-class _Inputs:
-    """What FMPy's solver calls before it asks for event indicators."""
-
-    def __init__(self, apply: Any) -> None:
-        self.apply = apply

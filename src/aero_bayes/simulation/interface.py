@@ -1,8 +1,4 @@
-"""States given all readings, from what a filter knew before each of them.
-
-The modified Bryson-Frazier form of the Rauch-Tung-Striebel smoother (Bierman, 1973, International Journal of Control
-18, 65): no covariance is inverted, so that states without any uncertainty are no exception.
-"""
+"""The contract between the engines and everything that simulates; likelihoods and smoothed states from results."""
 
 from __future__ import annotations
 
@@ -340,7 +336,10 @@ class SmoothedStates:
 
 
 def smooth(filtered: FilteredStates, measured: FloatArray) -> SmoothedStates:
-    """Smooth a filter's states."""
+    """Return the states given all readings, from what a filter knew before each of them.
+
+    The modified Bryson-Frazier form of the Rauch-Tung-Striebel smoother (Bierman, 1973, International Journal of
+    Control 18, 65): no covariance is inverted, so that states without any uncertainty are no exception."""
     n, s = filtered.mean.shape
     mean, sd = np.empty((n, s)), np.empty((n, s))
     adjoint, information = np.zeros(s), np.zeros((s, s))

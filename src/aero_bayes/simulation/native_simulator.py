@@ -15,30 +15,23 @@ from numpy.typing import ArrayLike, NDArray
 from aero_bayes.arrays import FloatArray
 from aero_bayes.errors import CannotFinishError, InputError
 from aero_bayes.simulation.batches import (
-    BLOCK_BYTES,
     FILTER,
     FILTER_LIKELIHOOD,
     FILTER_STATES,
     GAUSS_NEWTON,
     LIKELIHOOD,
-    MAX_ROWS,
     Batches,
 )
 from aero_bayes.simulation.interface import (
     ClosedAtExit,
-    DelayTarget,
-    DiffusionTarget,
     Experiment,
     Filtered,
     FilteredStates,
     GaussNewton,
     Likelihoods,
     Outcome,
-    ParameterTarget,
     Problem,
     ProblemTarget,
-    ReadingNoiseTarget,
-    StartTarget,
     Trajectories,
 )
 from aero_bayes.simulation.model_description import ModelDescription
@@ -47,7 +40,7 @@ from aero_bayes.simulation.problem_checks import (
     check_noise,
     check_problem,
     check_values,
-    signal_index,
+    target_code,
     target_scale,
 )
 from aero_bayes.simulation.workers import WorkerPool
@@ -96,21 +89,6 @@ def color_columns(pattern: tuple[tuple[int, ...], ...]) -> list[int]:
     return colors
 
 
-def _target(model: ModelDescription, experiment: Experiment, target: ProblemTarget | None) -> tuple[int, int]:
-    """Return the number of ``TARGET_...`` in native/engine.h, and what is set."""
-    if isinstance(target, ParameterTarget):
-        return 1, model.parameter(target.name).value_reference
-    if isinstance(target, StartTarget):
-        return 2, model.state_index(target.state)
-    if isinstance(target, DelayTarget):
-        return 3, -1 if target.input is None else signal_index(experiment, target.input)
-    if isinstance(target, DiffusionTarget):
-        return 4, model.state_index(target.state)
-    if isinstance(target, ReadingNoiseTarget):
-        return 5, experiment.outputs.index(target.output)
-    return 0, 0
-
-
 def _write_experiment(
     w: _Writer, model: ModelDescription, experiment: Experiment, row: tuple[ProblemTarget | None, ...]
 ) -> None:
@@ -136,7 +114,7 @@ def _write_experiment(
     w.reals(experiment.spread.T if experiment.spread is not None else [])
     w.integer(experiment.most_steps)
     for target in row:
-        w.integer(*_target(model, experiment, target))
+        w.integer(*target_code(model, experiment, target))
         w.real(target_scale(model, target))
 
 
@@ -246,12 +224,9 @@ class NativeSimulator(ClosedAtExit):
         outcomes = np.zeros((n, experiments), dtype=np.uint8)
         none = np.zeros(0, dtype=np.int64)
         mode = LIKELIHOOD if self.problem.process is None else FILTER_LIKELIHOOD
-        for start in range(0, n, MAX_ROWS):
-            part = slice(start, min(n, start + MAX_ROWS))
-            with self.pool.lock:
-                block = batches.run(mode, values[part], none, noise[part])
-                outcomes[part] = block.outcomes
-                result[part] = np.where(block.outcomes == Outcome.OK, block.result[..., 0], -np.inf)
+        for part, block in batches.blocks(mode, values, none, noise, experiments):
+            outcomes[part] = block.outcomes
+            result[part] = np.where(block.outcomes == Outcome.OK, block.result[..., 0], -np.inf)
         return Likelihoods(result, outcomes)
 
     def gauss_newton(self, values: FloatArray, noise: FloatArray, *, active: Sequence[int]) -> GaussNewton:
@@ -265,14 +240,10 @@ class NativeSimulator(ClosedAtExit):
         batches = self._open_batches()
         total = np.full((n, 2 + q + q * q), np.nan)
         outcomes = np.zeros((n, experiments), dtype=np.uint8)
-        rows = max(1, min(MAX_ROWS, BLOCK_BYTES // (8 * experiments * (2 + q + q * q))))
-        for start in range(0, n, rows):
-            part = slice(start, min(n, start + rows))
-            with self.pool.lock:
-                block = batches.run(GAUSS_NEWTON, values[part], columns, noise[part])
-                outcomes[part] = block.outcomes
-                good = np.all(block.outcomes == Outcome.OK, axis=1)
-                total[part][good] = block.result[good].sum(axis=1)
+        for part, block in batches.blocks(GAUSS_NEWTON, values, columns, noise, experiments * (2 + q + q * q)):
+            outcomes[part] = block.outcomes
+            good = np.all(block.outcomes == Outcome.OK, axis=1)
+            total[part][good] = block.result[good].sum(axis=1)
         bad = np.any(outcomes != Outcome.OK, axis=1)
         return GaussNewton(
             cost=np.where(bad, np.inf, total[:, 0]),

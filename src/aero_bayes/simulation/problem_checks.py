@@ -1,4 +1,5 @@
-"""Likelihoods and Gauss-Newton products from whole trajectories, for simulators that cannot reduce inside."""
+"""Checks of a problem, and what simulators in Python share: parameters and inputs of a run, differences of whole runs,
+likelihoods and Gauss-Newton products from trajectories."""
 
 from __future__ import annotations
 
@@ -6,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from aero_bayes.arrays import FloatArray
 from aero_bayes.errors import InputError
@@ -16,6 +17,7 @@ from aero_bayes.simulation.interface import (
     DiffusionTarget,
     Experiment,
     GaussNewton,
+    InputSignal,
     Likelihoods,
     Outcome,
     ParameterTarget,
@@ -47,7 +49,7 @@ def check_problem(problem: Problem) -> None:
     for number, (experiment, row) in enumerate(zip(problem.experiments, problem.targets, strict=True)):
         _check_experiment(problem.model, experiment, f"experiment {number}")
         for target in row:
-            _check_target(problem.model, experiment, target, f"experiment {number}")
+            target_code(problem.model, experiment, target)
 
 
 def check_process(model: ModelDescription, process: ProcessNoise) -> None:
@@ -93,26 +95,24 @@ def _check_experiment(model: ModelDescription, experiment: Experiment, where: st
         )
 
 
-def signal_index(experiment: Experiment, name: str) -> int:
-    """Position of an input signal in the experiment."""
-    for index, signal in enumerate(experiment.inputs):
-        if signal.name == name:
-            return index
-    raise InputError(f"no signal for input {name!r} in the experiment")
-
-
-def _check_target(model: ModelDescription, experiment: Experiment, target: ProblemTarget | None, where: str) -> None:
+def target_code(model: ModelDescription, experiment: Experiment, target: ProblemTarget | None) -> tuple[int, int]:
+    """Return the number of ``TARGET_...`` in native/engine.h and what is set; InputError where there is none."""
+    names = tuple(signal.name for signal in experiment.inputs)
     if isinstance(target, ParameterTarget):
-        model.parameter(target.name)
-    elif isinstance(target, StartTarget):
-        model.state_index(target.state)
-    elif isinstance(target, DelayTarget):
-        if target.input is not None:
-            signal_index(experiment, target.input)
-    elif isinstance(target, DiffusionTarget):
-        model.state_index(target.state)
-    elif isinstance(target, ReadingNoiseTarget) and target.output not in experiment.outputs:
-        raise InputError(f"{where}: has no output {target.output!r}")
+        return 1, model.parameter(target.name).value_reference
+    if isinstance(target, StartTarget):
+        return 2, model.state_index(target.state)
+    if isinstance(target, DelayTarget):
+        if target.input is not None and target.input not in names:
+            raise InputError(f"no signal for input {target.input!r} in the experiment")
+        return 3, -1 if target.input is None else names.index(target.input)
+    if isinstance(target, DiffusionTarget):
+        return 4, model.state_index(target.state)
+    if isinstance(target, ReadingNoiseTarget):
+        if target.output not in experiment.outputs:
+            raise InputError(f"no output {target.output!r} in the experiment")
+        return 5, experiment.outputs.index(target.output)
+    return 0, 0
 
 
 def target_scale(model: ModelDescription, target: ProblemTarget | None) -> float:
@@ -157,6 +157,44 @@ def check_noise(problem: Problem, noise: FloatArray, n: int) -> FloatArray:
         return np.broadcast_to(noise, shape)
     except ValueError as error:
         raise InputError(f"noise has shape {noise.shape}, which does not broadcast to {shape}") from error
+
+
+def signals_of_run(
+    experiment: Experiment, row: Sequence[ProblemTarget | None], values: FloatArray
+) -> tuple[InputSignal, ...]:
+    """Apply one parameter vector's delays to the input signals of an experiment."""
+    signals = []
+    for signal in experiment.inputs:
+        delaying = (isinstance(t, DelayTarget) and t.input in (None, signal.name) for t in row)
+        delay = sum(float(value) for value, delays in zip(values, delaying, strict=True) if delays)
+        signals.append(replace(signal, time=signal.time + delay))
+    return tuple(signals)
+
+
+def parameters_of_run(problem: Problem, number: int, values: FloatArray) -> dict[str, float]:
+    """Return the parameters of one run that do not keep the model's own value."""
+    row = zip(problem.targets[number], values, strict=True)
+    fitted = {target.name: float(value) for target, value in row if isinstance(target, ParameterTarget)}
+    return {**problem.fixed, **problem.experiments[number].known, **fitted}
+
+
+def signal_values(signal: InputSignal, time: ArrayLike) -> FloatArray:
+    """Compute an input at times of any shape."""
+    at = np.asarray(time, dtype=float)
+    if signal.interpolation == "linear":
+        return np.asarray(np.interp(at, signal.time, signal.values))
+    cell = np.searchsorted(signal.time, at + 1e-12 * np.maximum(1.0, np.abs(at)), side="right") - 1
+    return np.asarray(signal.values[np.maximum(cell, 0)])
+
+
+def value_at(signal: InputSignal, t: float, segment: float) -> float:
+    """Value at t within the segment that starts at `segment` (which decides on the side of a jump)."""
+    return float(signal_values(signal, t if signal.interpolation == "linear" else segment))
+
+
+def linear_signals(signals: tuple[InputSignal, ...]) -> tuple[InputSignal, ...]:
+    """Return those that are interpolated linearly."""
+    return tuple(signal for signal in signals if signal.interpolation == "linear")
 
 
 #: Step of a central difference relative to the value; runs of a solver are computed at tolerances this much tighter.

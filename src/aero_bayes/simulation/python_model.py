@@ -14,11 +14,16 @@ from numpy.typing import ArrayLike
 
 from aero_bayes.arrays import FloatArray
 from aero_bayes.errors import InputError
-from aero_bayes.simulation.cosimulation_runs import parameters_of_run, signal_values, signals_of_run
 from aero_bayes.simulation.interface import Outcome, Problem, SolverSettings
 from aero_bayes.simulation.model import Model
 from aero_bayes.simulation.model_description import Variable
-from aero_bayes.simulation.problem_checks import SingleRuns, check_problem
+from aero_bayes.simulation.problem_checks import (
+    SingleRuns,
+    check_problem,
+    parameters_of_run,
+    signal_values,
+    signals_of_run,
+)
 
 #: An input as a function of time (s), of a number or of an array.
 Signal = Callable[[ArrayLike], FloatArray]

@@ -1,44 +1,157 @@
-"""Alias analysis of a flat model: equal variables, derivatives, and states."""
+"""Alias analysis of a flat model: scalar equations, equal variables, derivatives, and states."""
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping, Sequence, Set
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence, Set
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
 from aero_bayes.errors import InputError
+from aero_bayes.modelica.arrays import Value, scalars, shaped
 from aero_bayes.modelica.compose import attribute_value
-from aero_bayes.modelica.flat import FlatEquation, FlatModel, FlatVariable
-from aero_bayes.modelica.syntax import Call, Expression, Name, Number, names_in, summands, walk
-from aero_bayes.structure.scalar_equations import Origin, scalarised
+from aero_bayes.modelica.expression import Builder, Node
+from aero_bayes.modelica.flat import FlatEquation, FlatModel, FlatVariable, element_names
+from aero_bayes.modelica.graphs import SignedUnionFind
+from aero_bayes.modelica.scope import Scope, without_solve
+from aero_bayes.modelica.syntax import (
+    Call,
+    Expression,
+    Name,
+    Number,
+    map_children,
+    map_names,
+    names_in,
+    short_text,
+    summands,
+    walk,
+)
+
+_SIGNS = {"add": "+", "sub": "-", "mul": "*", "div": "/", "pow": "^"}
+#: Largest number of operations of a row. Of a larger one, only its names are kept.
+MAX_OPERATIONS = 1000
+
+#: Index of the equation of a row, number of the row (from one; 0 for a scalar equation), and number of rows.
+Origin = tuple[int, int, int]
+
+
+def scalarised(flat: FlatModel) -> tuple[FlatModel, tuple[Origin, ...]]:
+    """Return the model with scalar variables ``x[1]`` for the elements of arrays, and scalar equations."""
+    whole = tuple((i, 0, 1) for i in range(len(flat.equations)))
+    if not any(v.sizes for v in flat.variables):
+        return flat, whole
+    variables = tuple(
+        w
+        for v in flat.variables
+        for w in (v, *(replace(v, name=n, sizes=(), binding=None) for n in element_names(v.name, v.sizes)))
+    )
+    rows = _Rows(flat)
+    found = [(e, origin) for i, equation in enumerate(flat.equations) for e, origin in rows.of(i, equation)]
+    return replace(flat, variables=variables, equations=tuple(e for e, _ in found)), tuple(o for _, o in found)
+
+
+class _Rows:
+    def __init__(self, flat: FlatModel) -> None:
+        self.known = {v.name: v for v in flat.variables}
+        values: dict[str, Value] = {}
+        self.scope = Scope(Builder(), flat.functions, values, flat.name, records=flat.records)
+        values["time"] = self.scope.builder.symbol("time")
+        for v in flat.variables:
+            if not v.sizes:
+                values[v.name] = self.scope.builder.symbol(v.name)
+        for v in flat.variables:
+            # constants in array sizes and subscripts
+            if v.constant and v.type != "Real" and not v.sizes and v.binding is not None:
+                self._settle(v)
+
+    def _settle(self, v: FlatVariable) -> None:
+        try:
+            value = self.scope.value(v.binding) if v.binding is not None else ""
+        except InputError:
+            return
+        if isinstance(value, Node) and value.op == "const":
+            self.scope.values[v.name] = value
+
+    def _need(self, names: Iterable[str]) -> None:
+        """Give arrays their symbols. Elements of parameter arrays that are numbers stay numbers."""
+        for n in names:
+            v = self.known.get(n)
+            if v is None or not v.sizes or n in self.scope.values:
+                continue
+            b = self.scope.builder
+            own = shaped(map(b.symbol, v.scalar_names), v.sizes)
+            self.scope.values[n] = own
+            if v.constant and v.binding is not None and names_in(v.binding):
+                self._need(names_in(v.binding))
+                try:
+                    fixed = scalars(self.scope.value(v.binding))
+                except InputError:
+                    continue
+                if len(fixed) == len(scalars(own)):
+                    given = (f if f.op == "const" else o for f, o in zip(fixed, scalars(own), strict=True))
+                    self.scope.values[n] = shaped(given, v.sizes)
+
+    def of(self, index: int, e: FlatEquation) -> list[tuple[FlatEquation, Origin]]:
+        plain = replace(e, left=map_names(e.left, self._element), right=map_names(e.right, self._element))
+        names = names_in(plain.left) | names_in(plain.right)
+        if not any(n in self.known and self.known[n].sizes for n in names):
+            return [(plain, (index, 0, 1))]
+        self._need(names_in(e.left) | names_in(e.right))
+        try:
+            pairs = self.scope.sides([e])
+            shaped = isinstance(self.scope.value(without_solve(e).left), list)
+        except InputError:
+            return [(plain, (index, 0, 1))]
+        rows = [(self._tree(a), self._tree(b)) for a, b in pairs]
+        return [
+            (replace(e, left=a, right=b), (index, k + 1 if shaped else 0, len(rows))) for k, (a, b) in enumerate(rows)
+        ]
+
+    def _element(self, n: Name) -> Expression:
+        """Return an array element as a scalar variable, if its subscripts are numbers."""
+        v = self.known.get(n.name)
+        if v is None or not n.subscripts or len(n.subscripts) != len(v.sizes):
+            return Name(short_text(n)) if n.subscripts and all(isinstance(k, Number) for k in n.subscripts) else n
+        found: list[str] = []
+        for k in n.subscripts:
+            try:
+                value = self.scope.value(k) if isinstance(k, (Number, Name, Call)) else None
+            except InputError:
+                return n
+            if not isinstance(value, Node) or value.op != "const":
+                return n
+            found.append(f"{value.value:g}")
+        return Name(f"{n.name}[{','.join(found)}]")
+
+    def _tree(self, node: Node) -> Expression:
+        left = [MAX_OPERATIONS]
+
+        def tree(n: Node) -> Expression:
+            left[0] -= 1
+            if n.op == "const":
+                return Number(n.value)
+            if n.op == "symbol":
+                return Call("der", (Name(n.name[4:-1]),)) if n.name.startswith("der(") else Name(n.name)
+            if left[0] < 0:
+                symbols = sorted(self.scope.builder.symbols(n), key=lambda s: s.index)
+                return Call("of", tuple(tree(s) for s in symbols))
+            return Call(_SIGNS.get(n.op, n.op), tuple(map(tree, n.args)))
+
+        return tree(node)
+
+
+def substituted(tree: Expression, old: Expression, new: Expression) -> Expression:
+    """Return an expression in which one part, by identity, is substituted."""
+    return new if tree is old else map_children(tree, lambda t: substituted(t, old, new))
+
 
 #: For each variable its representative and relative sign. The representative of a constant is the empty name.
 SignedRepresentatives = Mapping[str, tuple[str, int]]
 
 
-class SignedUnionFind:
-    """Union-find (disjoint sets) of names that are equal but for their sign."""
-
-    def __init__(self) -> None:
-        self._above: dict[str, tuple[str, int]] = {}
-
-    def find(self, name: str) -> tuple[str, int]:
-        """Return the representative of a name, and the sign of the name relative to it."""
-        sign = 1
-        while name in self._above:
-            name, flip = self._above[name]
-            sign *= flip
-        return name, sign
-
-    def union(self, gone: str, kept: str, sign: int) -> None:
-        """Merge two sets: the representative ``gone`` is ``sign`` times the representative ``kept``."""
-        self._above[gone] = kept, sign
-
-
 def moving_together(equations: Sequence[FlatEquation], free: Collection[str]) -> dict[str, tuple[str, int]]:
     """Find variables whose sum or difference is constant. ``free`` are the variables that are not constants."""
-    known = SignedUnionFind()
+    known = SignedUnionFind[str]()
     sums = [s for e in equations if (s := _sum(e, free)) is not None]
     grown = True
     while grown:
@@ -126,7 +239,7 @@ def alias_structure(flat: FlatModel) -> AliasStructure:
     flat, origins = scalarised(flat)
     variables = {v.name: v for v in flat.variables}
     free = {n for n, v in variables.items() if not v.constant and not v.sizes and v.type == "Real"}
-    equal = SignedUnionFind()
+    equal = SignedUnionFind[str]()
     dynamic = {n for e in flat.equations for n in derived_in(e) if n in free}
 
     plain = set[int]()
@@ -190,7 +303,7 @@ def _combined(
 
 def _units_by_sums(flat: FlatModel, of: Mapping[str, str]) -> dict[str, str]:
     """Return units of variables from the terms to which they are added, if all declared units there agree."""
-    group = SignedUnionFind()
+    group = SignedUnionFind[str]()
     for e in flat.equations:
         for tree in walk(Call("-", (e.left, e.right))):
             names = (t.name for _, t in summands(tree) if isinstance(t, Name) and not t.subscripts)

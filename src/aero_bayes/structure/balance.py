@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Literal
+from typing import Any, Literal
 
 from aero_bayes.errors import InputError
 from aero_bayes.modelica.classes import ClassText, ComponentDeclaration, SourceStatement, dotted_name
@@ -24,8 +24,8 @@ from aero_bayes.modelica.syntax import (
 )
 from aero_bayes.modelica.tokens import SourceLocation, find_outside, split_outside
 from aero_bayes.modelica.units import Dimension, dimension_of_unit, unit_text, without_angle
+from aero_bayes.structure.aliases import substituted
 from aero_bayes.structure.insertion_point import Driver, InsertionPoint, RowIndex, element_of_row, find_insertion_point
-from aero_bayes.structure.scalar_equations import substituted
 
 #: Placeholder of the additional term in the residual of a vector equation.
 TERM = Name("")
@@ -280,6 +280,13 @@ class Port:
     defining_equation: int | None = None
     replaceable: ReplaceableModel | None = None
     counts: bool = False
+
+
+def signal_port(
+    kind: PortKind, attachment: Attachment, signal: str, unit: str, place: SourceLocation | None, **others: Any
+) -> Port:
+    """Return the port at a signal, of which a law makes another one in the same unit."""
+    return Port(signal, kind, attachment, unit, {"u": unit, "y": unit}, place, signals={"u": signal}, **others)
 
 
 #: Separates the two variables of a difference.

@@ -15,10 +15,10 @@ from aero_bayes.modelica.syntax import Expression, Name
 from aero_bayes.modelica.tokens import find_outside
 from aero_bayes.structure.aliases import AliasStructure
 from aero_bayes.structure.balance import DIFFERENCE, Port, parameter_values
+from aero_bayes.structure.candidates import PlacedLaw, identifier
 from aero_bayes.structure.class_with_laws import ClassWithLaws, formula, without_indices
 from aero_bayes.structure.find import driver_names, is_driver
 from aero_bayes.structure.insertion_point import InsertionPoint, find_insertion_point, in_vector
-from aero_bayes.structure.placed_law import PlacedLaw, identifier
 
 #: Longest formula that is written as a term. A law with a longer one is written as a component.
 MAX_FORMULA_LENGTH = 70

@@ -1,17 +1,19 @@
-"""Candidates: the laws that can act at the ports of a model."""
+"""Candidates: the laws that can act at the ports of a model, and laws that are placed there, with names and values."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+import math
+import re
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 from aero_bayes.declared import PackageDeclaration
-from aero_bayes.errors import InputError
+from aero_bayes.errors import CannotFinishError, InputError
 from aero_bayes.modelica.flat import FlatModel
 from aero_bayes.modelica.units import Dimension, dimension_of_unit
 from aero_bayes.structure.balance import DIFFERENCE, KELVIN, Port
 from aero_bayes.structure.find import find_ports
-from aero_bayes.structure.law import SIGNAL_DEFAULTS, Law
+from aero_bayes.structure.law import SIGNAL_DEFAULTS, Law, LawParameter
 from aero_bayes.unknown_names import closest_name
 
 
@@ -148,3 +150,151 @@ def declared_candidates(found: Sequence[Candidate], declared: PackageDeclaration
             raise InputError(f"{declared.package}: effects.{name}.law: there is no {effect.law!r}{hint}")
     named = [replace(known[effect.law], alias=name) for name, effect in declared.effects.items()]
     return (*named, *(c for c in found if c.port.replaceable is not None and c.law.curve_input))
+
+
+@dataclass(frozen=True)
+class PlacedLaw(Candidate):
+    """A law at a port, under names in a model."""
+
+    instance: str = ""
+    names: Mapping[str, str] = field(default_factory=dict)
+    nominals: Mapping[str, float] = field(default_factory=dict)
+    values: Mapping[str, float] = field(default_factory=dict)
+    moved_input: str = ""
+
+    @property
+    def has_states(self) -> bool:
+        """Whether it adds states to the model."""
+        return self.law.has_states and not self.moved_input
+
+    @property
+    def all_nominals(self) -> dict[str, float]:
+        """The nominal values, with defaults of those that are not given."""
+        return {**self.law.nominals, **{k: float(v) for k, v in self.nominals.items() if k in self.law.nominals}}
+
+    @property
+    def signal_defaults(self) -> dict[str, float]:
+        """Values of inputs of the law that the port does not have."""
+        own = {
+            s: n for s, n in SIGNAL_DEFAULTS.items() if s in self.law.interface.inputs and s not in self.port.signals
+        }
+        return {signal: self.all_nominals[nominal] for signal, nominal in own.items()}
+
+    def parameters(self) -> Iterator[LawParameter]:
+        """Return the fitted parameters. The share of a neighbour is one of them only if there is a neighbour."""
+        return (p for p in (*self.law.parameters, *self.law.starts) if p.name in self.names)
+
+    def value(self, p: LawParameter) -> float:
+        return float(self.values.get(p.name, p.value("default", self.all_nominals)))
+
+    def limits(self, p: LawParameter) -> dict[str, float]:
+        """Return the attributes ``min``, ``max`` and ``nominal``, as far as they are declared."""
+        found = {k: p.value(k, self.all_nominals) for k in ("min", "max", "nominal") if k in p.terms}
+        return {k: v for k, v in found.items() if math.isfinite(v)}
+
+    def about(self, p: LawParameter) -> str:
+        """Return the description of a parameter in the model."""
+        return p.description if self.port.replaceable is not None else f"{p.description} at {self.port.id}"
+
+    def declarations(self) -> Iterator[str]:
+        """Yield Modelica declarations of the fitted parameters in the model."""
+        for p in self.parameters():
+            attributes = [f'unit = "{self.unit(p)}"'] if self.unit(p) else []
+            plain = self.port.replaceable is None
+            attributes += [f"{k} = {v:.6g}" if plain else f"{k} = {v!r}" for k, v in self.limits(p).items()]
+            given = f"({', '.join(attributes)}) = {self.value(p)!r}"
+            yield f'parameter Real {self.names[p.name]}{given} "{self.about(p)}";'
+
+    def unit(self, p: LawParameter) -> str:
+        """Return the unit of a parameter, from the units of the port."""
+        signals = {**self.port.units, "h_1": self.port.units.get("h", "")}
+        if signals.get("v") and not signals.get("x"):
+            signals["x"] = f"s.{signals['v']}"
+        units = {nominal: signals.get(signal, "") for nominal, signal in self.law.interface.nominals.items()}
+        return p.unit({**units, "t_n": "s", "w_n": "1"})
+
+
+def place_law(
+    c: Candidate,
+    taken: Collection[str],
+    *,
+    nominals: Mapping[str, float] | None = None,
+    values: Mapping[str, float] | None = None,
+    with_starts: bool = False,
+) -> PlacedLaw:
+    """Place a law at a port, under names that are not in use: ``F_c``, or ``F_c_v`` if that is in use."""
+    law, port = c.law, c.port
+    if law.kind == "exchange" and c.neighbour is None:
+        raise InputError(f"{law.id}@{port.id}: an exchange needs a neighbour")
+    neighbour = c.neighbour if has_reaction(law, port) else None
+    used = {n.partition(".")[0] for n in taken}
+    suffix = identifier(port.id)
+
+    def free(name: str) -> str:
+        candidates = [name, f"{name}_{suffix}", *(f"{name}_{suffix}_{k}" for k in range(2, 100))]
+        chosen = next(c for c in candidates if c not in used)
+        used.add(chosen)
+        return chosen
+
+    fitted = [p.name for p in law.parameters if p.name != "share" or neighbour is not None]
+    fitted += [p.name for p in law.starts if with_starts]
+    names = {p: free(p) for p in fitted}
+    # a nominal value is an order of magnitude: three digits are enough in a written model
+    rounded = {k: float(f"{v:.3g}") if k.endswith("_n") else float(v) for k, v in (nominals or {}).items()}
+    return PlacedLaw(law, port, neighbour, c.alias, free(c.alias or law.id), names, rounded, dict(values or {}))
+
+
+def place_laws(
+    found: Iterable[Candidate],
+    taken: Collection[str],
+    nominals: Mapping[str, Mapping[str, float]],
+    *,
+    free_starts: bool = False,
+) -> tuple[PlacedLaw, ...]:
+    """Place candidates in one model, in the given order; with ``free_starts`` those at inputs start where the data say.
+
+    What an input was before a recording begins is not known; a state of the model itself is estimated anyway."""
+    placed_laws: list[PlacedLaw] = []
+    used = set(taken)
+    for c in found:
+        starts = free_starts and c.law.kind == "input"
+        placed = place_law(c, used, nominals=nominals.get(c.port.id), with_starts=starts)
+        placed_laws.append(placed)
+        used |= {placed.instance, *placed.names.values()}
+    return tuple(placed_laws)
+
+
+def with_moved_input(placed: PlacedLaw, recorded: Collection[str]) -> PlacedLaw:
+    """Return a delay of an input that is among the recorded ones as a move of that input; other laws as they are."""
+    signal = placed.port.signals.get("u", "")
+    moved = placed.law.delay and placed.port.attachment == "input" and signal in recorded
+    return replace(placed, moved_input=signal) if moved else placed
+
+
+def at_same_ports(placed_laws: Sequence[PlacedLaw], ports: Sequence[Port]) -> list[PlacedLaw]:
+    """Return the same laws at the ports of another model, found by their ids."""
+    there = {p.id: p for p in ports}
+    needed = {p.id for placed in placed_laws for p in (placed.port, placed.neighbour) if p is not None}
+    if lost := sorted(needed - there.keys()):
+        raise CannotFinishError(f"the model with laws in its replaceable models has no port {lost[0]!r} any more")
+    return [
+        replace(p, port=there[p.port.id], neighbour=there[p.neighbour.id] if p.neighbour else None) for p in placed_laws
+    ]
+
+
+def identifier(path: str) -> str:
+    """Return a path as an identifier: ``rotor.a`` becomes ``rotor_a``."""
+    return re.sub(r"\W+", "_", path).strip("_")
+
+
+def describe_law(law: Law, port: Port) -> str:
+    """Return a phrase about a law and its port."""
+    about, place = in_sentence(law.description), port.replaceable
+    if place is None or not place.description:
+        return f"{about} at {port.id}"
+    return f"{about} ({in_sentence(place.description)})"
+
+
+def in_sentence(description: str) -> str:
+    """Return a description as it stands within a sentence."""
+    return description[:1].lower() + description[1:]

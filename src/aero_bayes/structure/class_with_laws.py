@@ -24,8 +24,8 @@ from aero_bayes.modelica.parse import evaluate_expression, parse_expression, par
 from aero_bayes.modelica.sources import SourceFile, Sources, inline_base_classes, standalone_text
 from aero_bayes.modelica.syntax import summands
 from aero_bayes.modelica.tokens import Token, one_line, skip_group, words_of
+from aero_bayes.structure.candidates import PlacedLaw, describe_law, identifier
 from aero_bayes.structure.law import SIGNAL_DEFAULTS, Law
-from aero_bayes.structure.placed_law import PlacedLaw, identifier
 
 
 @dataclass
@@ -339,9 +339,7 @@ class ClassWithLaws:
         return declare_as_copies(cls, own, text)
 
     def _description_text(self) -> str:
-        added = " and ".join(
-            f"{u.law.description[:1].lower()}{u.law.description[1:]} at {u.port.id}" for u in self.placed_laws
-        )
+        added = " and ".join(describe_law(u.law, u.port) for u in self.placed_laws)
         return f"{self.user[1].description or self.user[1].name}, with {added}".replace('"', "'")
 
     def _extension(self) -> str:

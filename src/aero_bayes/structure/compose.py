@@ -23,10 +23,10 @@ from aero_bayes.modelica.flat import FlatEquation, FlatModel, FlatVariable
 from aero_bayes.modelica.rumoca_front import load_flat
 from aero_bayes.modelica.syntax import Call, Expression, Name, Number, map_names, parse_reference
 from aero_bayes.structure.balance import Attachment, Port, signal_expression
+from aero_bayes.structure.candidates import PlacedLaw, identifier
 from aero_bayes.structure.class_with_laws import class_text
 from aero_bayes.structure.internal_signals import defining_equations
 from aero_bayes.structure.law import Law
-from aero_bayes.structure.placed_law import PlacedLaw, identifier
 
 LawModels = Mapping[tuple[str, str], FlatModel]
 #: Laws at inputs and then those at outputs are composed after all others.
@@ -34,30 +34,41 @@ _COMPOSING_ORDER: Mapping[Attachment, int] = {"input": 1, "output": 2}
 
 
 def law_models(laws: Sequence[Law], sources: Sequence[Path] = ()) -> LawModels:
-    """Return each law as a flat model of its own, by kind and id. One run of the compiler flattens all of them.
+    """Return each law as a flat model of its own, by kind and id.
 
     ``sources`` are the packages of the laws, for laws that use functions or types of their package."""
-    lines = ["model LawsAtOnce"]
+    classes: list[str] = []
+    own: dict[str, tuple[str, Sequence[str]]] = {}
     for law in laws:
-        name = _component_name(law)
-        lines += [f"  {line}" for line in class_text(law, f"Model_{name}", nominals={}, signals={})]
-        bound = ", ".join(f"{signal} = time" for signal in law.interface.inputs if signal in law.used_inputs)
-        lines.append(f"  Model_{name} {name}{f'({bound})' if bound else ''};")
-    lines.append("end LawsAtOnce;")
+        name = f"{law.kind}_{law.id}"
+        classes += class_text(law, f"Model_{name}", nominals={}, signals={})
+        own[name] = f"Model_{name}", [signal for signal in law.interface.inputs if signal in law.used_inputs]
+    parts = flat_components("LawsAtOnce", own, sources, classes=classes)
+    return {
+        (law.kind, law.id): FlatModel(
+            law.id, part.variables, part.equations, part.initial_equations, functions=part.functions
+        )
+        for law, part in zip(laws, parts.values(), strict=True)
+    }
+
+
+def flat_components(
+    title: str,
+    components: Mapping[str, tuple[str, Sequence[str]]],
+    sources: Sequence[Path],
+    libraries: Sequence[Path] = (),
+    classes: Sequence[str] = (),
+) -> dict[str, FlatModel]:
+    """Return each component, by its class and its inputs, as a flat model. One run of the compiler flattens all."""
+    lines = ["within ;", f"model {title}", *classes]
+    for name, (cls, inputs) in components.items():
+        bound = ", ".join(f"{signal} = time" for signal in inputs)
+        lines.append(f"  {cls} {name}{f'({bound})' if bound else ''};")
     with ScratchFolder() as folder:
-        path = Path(folder) / "LawsAtOnce.mo"
-        path.write_text("\n".join(lines) + "\n", encoding="utf-8")
-        flat = load_flat("LawsAtOnce", [*sources, path])
-    found: dict[tuple[str, str], FlatModel] = {}
-    for law in laws:
-        part = component_of(flat, _component_name(law), law.interface.inputs)
-        own = FlatModel(law.id, part.variables, part.equations, part.initial_equations, functions=flat.functions)
-        found[law.kind, law.id] = own
-    return found
-
-
-def _component_name(law: Law) -> str:
-    return f"{law.kind}_{law.id}"
+        path = Path(folder) / f"{title}.mo"
+        path.write_text("\n".join([*lines, f"end {title};", ""]), encoding="utf-8")
+        flat = load_flat(title, [*sources, path], libraries)
+    return {name: component_of(flat, name, inputs) for name, (_, inputs) in components.items()}
 
 
 def component_of(flat: FlatModel, instance: str, inputs: Sequence[str]) -> FlatModel:
@@ -114,11 +125,9 @@ def compose_law(flat: FlatModel, placed: PlacedLaw, models: LawModels) -> FlatMo
             flat = equate(flat, f"{at}.{signal}", value)
     flat = _with_nominals(flat, at, placed.all_nominals)
     for p in placed.parameters():
-        about = f"{p.description} at {port.id}"
-        flat = add_parameter(
-            flat, placed.names[p.name], placed.value(p), placed.unit(p), description=about, **placed.limits(p)
-        )
-        flat = set_parameter(flat, f"{at}.{p.name}", Name(placed.names[p.name]))
+        name, about = placed.names[p.name], placed.about(p)
+        flat = add_parameter(flat, name, placed.value(p), placed.unit(p), description=about, **placed.limits(p))
+        flat = set_parameter(flat, f"{at}.{p.name}", Name(name))
     if port.balance is not None:
         flat = add_to_balance(flat, port, acts, 1.0)
     if placed.neighbour is not None:

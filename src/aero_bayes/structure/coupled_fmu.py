@@ -11,11 +11,13 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
+from typing import Any
 from xml.etree import ElementTree as ET
 
 import aero_bayes.simulation
 from aero_bayes.errors import InputError
 from aero_bayes.modelica.build import compile_kept, this_machine, write_archive
+from aero_bayes.modelica.embedded import DescribedVariable, add_variables
 from aero_bayes.simulation.model import Model
 from aero_bayes.simulation.model_description import BINARY_FOLDERS, Variable
 
@@ -281,35 +283,17 @@ class _Table:
             group = ET.SubElement(root, "UnitDefinitions")
             for unit in units:
                 ET.SubElement(group, "Unit", name=unit)
-        index = {s.name: i + 1 for i, s in enumerate(self.shown)}
-        group = ET.SubElement(root, "ModelVariables")
-        for s in self.shown:
-            _scalar(group, s, index[s.alias_of or s.name] - 1, index)
-        structure = ET.SubElement(root, "ModelStructure")
-        outputs = [s for s in self.shown if s.causality == "output"]
-        rates = [s for s in self.shown if s.derivative_of]
-        open_ = [s for s in self.shown if s.initial == "calculated" and s.causality in ("output", "local")]
-        pattern = self._pattern()
-        for tag, group_of in (("Outputs", outputs), ("Derivatives", rates), ("InitialUnknowns", open_)):
-            if group_of:
-                below = ET.SubElement(structure, tag)
-                for s in group_of:
-                    unknown = ET.SubElement(below, "Unknown", index=str(index[s.name]))
-                    on = pattern.get(s.derivative_of) if s.derivative_of else s.depends
-                    if on is not None and tag != "InitialUnknowns":
-                        unknown.set("dependencies", " ".join(str(index[n]) for n in on))
+        place = {s.name: k for k, s in enumerate(self.shown)}
+        add_variables(root, [
+            DescribedVariable(
+                s.name, place[s.alias_of or s.name], s.causality, s.variability, s.initial, s.v.description,
+                **_attributes(s.v), start=s.start, derivative_of=s.derivative_of,
+                depends=s.depends,
+            )
+            for s in self.shown
+        ])  # fmt: skip
         ET.indent(root)
         return f'<?xml version="1.0" encoding="UTF-8"?>\n{ET.tostring(root, encoding="unicode")}\n'.encode()
-
-    def _pattern(self) -> dict[str, tuple[str, ...]]:
-        """Return what each derivative depends on, where the base says it and no law changes it; empty for: all."""
-        base = self.coupling.base
-        if base.jacobian_pattern is None or self.coupling.laws:
-            return {}
-        inputs = tuple(self.coupling.inputs)
-        names = [s.name for s in base.states]
-        rows = [tuple(n for j, n in enumerate(names) if row in base.jacobian_pattern[j]) for row in range(len(names))]
-        return {name: row + inputs for name, row in zip(names, rows, strict=True)}
 
 
 def _rate(s: Variable, name: str, part: int, reference: int) -> _Shown:
@@ -321,21 +305,9 @@ def _row(*numbers: float) -> str:
     return " ".join(str(int(n)) if float(n).is_integer() and abs(n) < 1e15 else repr(float(n)) for n in numbers)
 
 
-def _scalar(group: ET.Element, s: _Shown, reference: int, index: dict[str, int]) -> None:
-    element = ET.SubElement(group, "ScalarVariable", name=s.name, valueReference=str(reference))
-    if s.v.description:
-        element.set("description", s.v.description)
-    element.set("causality", s.causality)
-    element.set("variability", s.variability)
-    if s.initial:
-        element.set("initial", s.initial)
-    real: dict[str, str] = {}
-    if s.v.kind == "real":
-        real |= {"unit": s.v.unit} if s.v.unit else {}
-        limits = (("min", s.v.minimum), ("max", s.v.maximum), ("nominal", s.v.nominal))
-        real |= {key: repr(value) for key, value in limits if value is not None}
-    if s.start is not None:
-        real["start"] = repr(s.start)
-    if s.derivative_of:
-        real["derivative"] = str(index[s.derivative_of])
-    ET.SubElement(element, _TAGS[s.v.kind], real)
+def _attributes(v: Variable) -> dict[str, Any]:
+    """Return tag, unit and limits of a variable; only numbers have the latter."""
+    if v.kind != "real":
+        return {"tag": _TAGS[v.kind]}
+    limits = (("min", v.minimum), ("max", v.maximum), ("nominal", v.nominal))
+    return {"unit": v.unit, "limits": {key: value for key, value in limits if value is not None}}

@@ -11,13 +11,21 @@ from aero_bayes.modelica.classes import snake_case
 from aero_bayes.modelica.compose import add_output
 from aero_bayes.modelica.equation_system import translate
 from aero_bayes.modelica.flat import FlatEquation, FlatModel, FlatVariable
+from aero_bayes.modelica.graphs import assign, reachable
 from aero_bayes.modelica.syntax import Call, Expression, Name, children, names_in, parse_reference, short_text
 from aero_bayes.modelica.units import dimension_of_unit
 from aero_bayes.structure.aliases import AliasStructure, alias_structure, derived_names, is_derivative
-from aero_bayes.structure.ambient import ambient_differences
-from aero_bayes.structure.balance import Balance, Port, PortKind, ReplaceableModel, find_balance, parameter_values
+from aero_bayes.structure.balance import (
+    Balance,
+    Port,
+    PortKind,
+    ReplaceableModel,
+    find_balance,
+    parameter_values,
+    signal_port,
+)
 from aero_bayes.structure.insertion_point import Driver
-from aero_bayes.structure.internal_signals import connected_inputs, internal_signals
+from aero_bayes.structure.internal_signals import ambient_differences, connected_inputs, internal_signals
 from aero_bayes.structure.relative_motion import (
     SPEEDS,
     branch_ports,
@@ -66,7 +74,7 @@ def _top(v: FlatVariable, causality: str) -> bool:
 def _inputs(s: AliasStructure) -> Iterator[Port]:
     for v in s.flat.variables:
         if _top(v, "input"):
-            yield Port(v.name, "input", "input", v.unit, {"u": v.unit, "y": v.unit}, v.place, (), {"u": v.name})
+            yield signal_port("input", "input", v.name, v.unit, v.place)
 
 
 def _outputs(s: AliasStructure, rated: Collection[str]) -> Iterator[Port]:
@@ -76,7 +84,7 @@ def _outputs(s: AliasStructure, rated: Collection[str]) -> Iterator[Port]:
             giving = [e for e in s.flat.equations if isinstance(e.left, Name) and e.left.name == v.name]
             states = (own,) if own in s.states else tuple(x for e in giving for x in s.states_in(e.right))
             kind: PortKind = "output" if v.name in rated else "reading"
-            yield Port(v.name, kind, "output", v.unit, {"u": v.unit, "y": v.unit}, v.place, states, {"u": v.name})
+            yield signal_port(kind, "output", v.name, v.unit, v.place, states=states)
 
 
 def _rated(flat: FlatModel, outputs: Sequence[str]) -> set[str]:
@@ -152,20 +160,8 @@ def _assigned(s: AliasStructure, flat: FlatModel, states: Sequence[str], *, insi
                 option = _BalanceOption(index, replace(balance, equation=equation, state=state))
                 found.append((away, not _constant_factor(s, e, driver), option))
         options[state] = [option for *_, option in sorted(found, key=lambda f: f[:2])]
-    taken: dict[int, str] = {}
-
-    def place(state: str, tried: set[int]) -> bool:
-        for option in options[state]:
-            if option.index not in tried:
-                tried.add(option.index)
-                if option.index not in taken or place(taken[option.index], tried):
-                    taken[option.index] = state
-                    return True
-        return False
-
-    for state in states:
-        place(state, set())
-    return {x: next(o for o in options[x] if o.index == index) for index, x in taken.items()}
+    taken = assign([[option.index for option in options[x]] for x in states])
+    return {states[k]: next(o for o in options[states[k]] if o.index == index) for index, k in taken.items()}
 
 
 def _rows_of(s: AliasStructure, states: Sequence[str]) -> dict[tuple[int, str], int]:
@@ -241,13 +237,13 @@ def _equation(s: AliasStructure, state: str, position: str, option: _BalanceOpti
 def _depends_on_level(s: AliasStructure, e: FlatEquation, state: str) -> bool:
     """Return whether the derivative of a state in an equation may depend on the state, also through other equations."""
     given = {*s.states, *(s.of(n) for n, v in s.variables.items() if v.causality == "input" or v.constant)}
-    others = [(o, _outside_derivatives(s, o)) for o in s.flat.equations]
-    reached, grown = _outside_derivatives(s, e), True
-    while grown and state not in reached:
-        more = set().union(*(names for o, names in others if o is not e and names & (reached - given))) - reached
-        reached |= more
-        grown = bool(more)
-    return state in reached
+    others = [_outside_derivatives(s, o) for o in s.flat.equations if o is not e]
+
+    def beside(name: str) -> Iterator[str]:
+        """Yield what stands in an equation with a variable, unless it is given."""
+        return (n for names in others if name in names for n in names if name not in given)
+
+    return state in reachable(_outside_derivatives(s, e), beside)
 
 
 def _outside_derivatives(s: AliasStructure, e: FlatEquation) -> set[str]:

@@ -5,29 +5,22 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
-from aero_bayes.declared import PackageDeclaration
-from aero_bayes.errors import InputError
 from aero_bayes.estimate.calibration import Calibration
 from aero_bayes.estimate.local_fit import Optimum
-from aero_bayes.estimate.measured_data import MeasuredData
 from aero_bayes.files import write_whole
 from aero_bayes.modelica.build import write_archive
 from aero_bayes.modelica.edits import unified_diff
 from aero_bayes.modelica.embedded import export_flat
 from aero_bayes.simulation.model import Model
 from aero_bayes.simulation.model_description import Variable
-from aero_bayes.structure.attach import OpenModel, attached
-from aero_bayes.structure.balance import Port
-from aero_bayes.structure.candidates import Candidate, find_candidates
+from aero_bayes.structure.attach import attached
+from aero_bayes.structure.candidates import PlacedLaw, identifier
 from aero_bayes.structure.class_with_laws import class_text
 from aero_bayes.structure.coupled_fmu import UNREAD_SUFFIX, couple
-from aero_bayes.structure.fmu_ports import FmuBoundary, LawCoupling
-from aero_bayes.structure.law import Law
-from aero_bayes.structure.law_places import LawPlaces
+from aero_bayes.structure.fmu_ports import FmuPlaces, LawCoupling
 from aero_bayes.structure.model_family import OpenSimulator
 from aero_bayes.structure.modelica_family import ModelicaFamily, PortNominals
 from aero_bayes.structure.nominal_values import (
@@ -39,58 +32,8 @@ from aero_bayes.structure.nominal_values import (
     simulated_signals,
     visited_range,
 )
-from aero_bayes.structure.placed_law import PlacedLaw, identifier
+from aero_bayes.structure.open_ports import OpenModel
 from aero_bayes.structure.write_model import WrittenModel
-
-
-@dataclass(frozen=True)
-class FmuPlaces(LawPlaces):
-    """An FMU, its ports, and the laws that may act around it."""
-
-    fmu: Path = Path()
-
-    @cached_property
-    def inner(self) -> Model:
-        return Model.load(self.fmu)
-
-    @cached_property
-    def boundary(self) -> FmuBoundary:
-        return FmuBoundary(self.inner, self.laws)
-
-    @cached_property
-    def declared(self) -> PackageDeclaration:
-        """An empty declaration: ports and laws around an FMU are found, not declared."""
-        return PackageDeclaration()
-
-    @cached_property
-    def replaceable_laws(self) -> tuple[Law, ...]:
-        """Empty: an FMU has no replaceable models."""
-        return ()
-
-    @cached_property
-    def ports(self) -> tuple[Port, ...]:
-        return self.boundary.ports
-
-    def check(self) -> None:
-        """Raise InputError for an FMU without Model Exchange, and as for any model."""
-        if self.inner.interface != "model exchange":
-            raise InputError(f"{self.fmu}: the loop needs Model Exchange; this FMU has co-simulation only")
-        super().check()
-
-    def taken_names(self) -> set[str]:
-        inner = self.inner
-        every = (*inner.parameters, *inner.inputs, *inner.outputs, *inner.states)
-        return {v.name for v in every} | set(self.boundary.names.values())
-
-    def candidates_for(self, data: MeasuredData) -> Sequence[Candidate]:
-        """Return all candidates. At an input that no recording has, only an offset."""
-        driven = {s.name for e in data.experiments for s in e.inputs}
-        return [
-            c
-            for c in find_candidates(self.ports, self.laws)
-            if c.port.kind != "input" or c.port.id in driven or c.law.id == "offset"
-        ]
-
 
 #: Name of the imported FMU in the Modelica model and in the SSP.
 PLANT = "plant"
@@ -104,7 +47,8 @@ _NAMESPACES = {
 
 def _imported_class(inner: Model) -> str:
     """Return the name under which the Modelica model expects the imported FMU."""
-    return f"{_class_name(inner.path.stem)}_fmu"
+    name = identifier(inner.path.stem) or "Model"
+    return f"M{name}_fmu" if name[0].isdigit() else f"{name}_fmu"
 
 
 def wrapper_text(
@@ -185,11 +129,6 @@ def _described(v: Variable) -> str:
     return f' "{v.description}"' if v.description and '"' not in v.description else ""
 
 
-def _class_name(stem: str) -> str:
-    name = identifier(stem) or "Model"
-    return name if not name[0].isdigit() else f"M{name}"
-
-
 def _reference(name: str) -> str:
     """Return the name of a variable in Modelica, in quotes if it is no identifier."""
     return name if re.fullmatch(r"[A-Za-z_]\w*(\[\d+\])?(\.[A-Za-z_]\w*(\[\d+\])?)*", name) else f"'{name}'"
@@ -264,24 +203,19 @@ class FmuFamily(ModelicaFamily):
     places: FmuPlaces
     _fixed_values: dict[str, float] = field(default_factory=dict, compare=False, repr=False)
 
-    @property
-    def inner(self) -> Model:
-        """The FMU."""
-        return self.places.inner
-
     def base_model(self) -> Model:
         """Return the FMU itself."""
-        return self.inner
+        return self.places.inner
 
     def prepare(self, calibration: Calibration, fit: Optimum, open_simulator: OpenSimulator) -> tuple[str, ...]:
         """Place the candidates; see the base class."""
         self._fixed_values.clear()
-        self._fixed_values.update(calibration.simulated.fixed)
+        self._fixed_values.update(calibration.fixed)
         return super().prepare(calibration, fit, open_simulator)
 
     def _nominals(self, calibration: Calibration, fit: Optimum, open_simulator: OpenSimulator) -> PortNominals:
         """Compute nominal values from the fit. Those of a force are from its recording, or its nominal attribute."""
-        inner = self.inner
+        inner = self.places.inner
         names = {v.name for v in inner.outputs if v.kind == "real"}
         states = [s.name for s in inner.states]
         found = simulated_signals(calibration, sorted({*names, *states}), fit, open_simulator)
@@ -318,22 +252,19 @@ class FmuFamily(ModelicaFamily):
         return nominals
 
     def _opened(self) -> OpenModel:
-        return self.places.boundary.opened()
+        return self.places.opened()
 
     def _with(self, placed_laws: Sequence[PlacedLaw]) -> Model:
         return self._attached(placed_laws)
-
-    def _coupling(self, placed_laws: Sequence[PlacedLaw]) -> LawCoupling:
-        return self.places.boundary.coupling(placed_laws, self.places.law_models)
 
     def _write(
         self, placed_laws: Sequence[PlacedLaw], values: Mapping[str, float], folder: Path
     ) -> tuple[WrittenModel, Model]:
         """Write ``NAME.mo`` and ``NAME.ssp`` for other tools, and ``NAME.fmu``."""
-        name = "_".join([self.title, *(u.instance for u in placed_laws)])
-        coupling, none = self._coupling(placed_laws), self._coupling(())
+        name = "_".join([self.places.title, *(u.instance for u in placed_laws)])
+        coupling, none = (self.places.coupling(laws) for laws in (placed_laws, ()))
         values = {**self._fixed_values, **values}
-        text = wrapper_text(self.inner, coupling, placed_laws, values, name)
+        text = wrapper_text(self.places.inner, coupling, placed_laws, values, name)
         folder.mkdir(parents=True, exist_ok=True)
         path = folder / f"{name}.mo"
         write_whole(path, text)
@@ -341,13 +272,13 @@ class FmuFamily(ModelicaFamily):
         self.folder.mkdir(parents=True, exist_ok=True)
         export_flat(coupling.flat, laws)
         couple(attached(self._opened(), placed_laws, self.blocks), folder / f"{name}.fmu")
-        write_ssp(self.inner, laws, coupling, values, folder / f"{name}.ssp")
-        before = wrapper_text(self.inner, none, (), values, name)
-        return WrittenModel(name, path, text, unified_diff(before, text, f"{self.title}.mo", path.name)), Model.load(
-            folder / f"{name}.fmu"
-        )
+        write_ssp(self.places.inner, laws, coupling, values, folder / f"{name}.ssp")
+        before = wrapper_text(self.places.inner, none, (), values, name)
+        return WrittenModel(
+            name, path, text, unified_diff(before, text, f"{self.places.title}.mo", path.name)
+        ), Model.load(folder / f"{name}.fmu")
 
     def _states_there(self, base: Model, model: Model) -> Mapping[str, str]:
         """Return names in a coupled model of states that are outputs, which may have others there."""
         there = {s.name for s in model.states}
-        return {s.name: f"{s.name}{UNREAD_SUFFIX}" for s in self.inner.states if s.name not in there}
+        return {s.name: f"{s.name}{UNREAD_SUFFIX}" for s in self.places.inner.states if s.name not in there}

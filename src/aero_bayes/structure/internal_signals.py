@@ -1,13 +1,16 @@
-"""Ports at signals inside a model: outputs of a controller, of a filter, of a block."""
+"""Ports at signals inside a model, such as outputs of a controller, and at differences of a state and an input."""
 
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping, Sequence, Set
+from dataclasses import replace
 
 from aero_bayes.modelica.flat import FlatEquation, FlatModel
-from aero_bayes.modelica.syntax import Name, names_in
-from aero_bayes.structure.aliases import AliasStructure, derived_in, is_derivative
-from aero_bayes.structure.balance import Port
+from aero_bayes.modelica.graphs import reachable
+from aero_bayes.modelica.syntax import Expression, Name, children, names_in
+from aero_bayes.structure.aliases import AliasStructure, derived_in, derived_names, is_derivative
+from aero_bayes.structure.balance import DIFFERENCE, KELVIN, Port, signal_port
+from aero_bayes.structure.relative_motion import all_differences, balance_of, differences_in, unit_in
 
 #: Index of an equation in the model, the variables in it, and the alias classes that it determines.
 Determined = tuple[int, set[str], set[str]]
@@ -28,20 +31,9 @@ def internal_signals(s: AliasStructure, flat: FlatModel) -> Iterator[Port]:
         acts = any(_acts(s, o, name) for o in flat.equations if o is not e)
         within = reached & {*s.states}
         first = {head for of, names, heads in told if of != index and name in names for head in heads}
-        if within and acts and (reached & inputs or not within & _reachable(first, onward)):
-            unit = flat.variable(name).unit
-            states = tuple(x for x in s.states if x in reached)
-            yield Port(
-                name,
-                "input",
-                "signal",
-                unit,
-                {"u": unit, "y": unit},
-                e.place,
-                states,
-                {"u": name},
-                defining_equation=index,
-            )
+        if within and acts and (reached & inputs or not within & reachable(first, lambda x: onward.get(x, ())).keys()):
+            states, unit = tuple(x for x in s.states if x in reached), flat.variable(name).unit
+            yield signal_port("input", "signal", name, unit, e.place, states=states, defining_equation=index)
 
 
 def connected_inputs(s: AliasStructure, flat: FlatModel) -> Iterator[Port]:
@@ -53,11 +45,9 @@ def connected_inputs(s: AliasStructure, flat: FlatModel) -> Iterator[Port]:
                     if _is_component_signal(s, inner, "input") and _is_component_signal(s, outer, "output"):
                         unit = s.variables[inner].unit or s.variables[outer].unit
                         states = tuple(s.states_in(Name(outer)))
-                        signals = {"u": unit, "y": unit}
-                        yield Port(
-                            inner, "input", "signal", unit, signals, e.place, states, {"u": inner},
-                            defining_equation=index,
-                        )  # fmt: skip
+                        yield signal_port(
+                            "input", "signal", inner, unit, e.place, states=states, defining_equation=index
+                        )
 
 
 def _determined(s: AliasStructure, given: Collection[str]) -> list[Determined]:
@@ -82,16 +72,6 @@ def _dependents(s: AliasStructure, told: Sequence[Determined]) -> dict[str, set[
     for _, names, heads in told:
         for name in names:
             found.setdefault(s.of(name), set()).update(heads)
-    return found
-
-
-def _reachable(begin: Collection[str], onward: Mapping[str, set[str]]) -> set[str]:
-    """Find some classes, and all that they act on directly or indirectly (reachability in the dependency graph)."""
-    found, waiting = {*begin}, [*begin]
-    while waiting:
-        new = onward.get(waiting.pop(), set()) - found
-        found |= new
-        waiting += new
     return found
 
 
@@ -156,3 +136,72 @@ def _sources(s: AliasStructure, name: str, given: Mapping[str, int], read: Mappi
         waiting += [n for n in names if n in given and s.of(n) not in found]
         found |= {s.of(n) for n in names}
     return found
+
+
+def ambient_differences(s: AliasStructure, balances: Sequence[Port]) -> Iterator[Port]:
+    """Yield ports at differences of a state and an input.
+
+    There is a port where the difference occurs in an equation, and for each storage of heat with each temperature that
+    is an input. An input that is the ambient level of one storage is so for all storages of the same unit."""
+    fed = _input_classes(s)
+    apart = all_differences(s)
+    levels = {s.of(p.signals["h"]): p.units["h"] for p in balances if p.kind == "storage"}
+    around = {(cls, unit) for level, unit in levels.items() for cls in fed if frozenset((level, cls)) in apart}
+    for port in balances:
+        if port.kind == "storage" and port.attachment in ("equation", "node"):
+            unit = port.units["h"]
+            for cls, name in fed.items():
+                if (unit in KELVIN and unit_in(s, cls) == unit) or (cls, unit) in around:
+                    yield replace(
+                        port, id=f"{port.id}-{name}", signals={**port.signals, "h_s": name}, neighbours=(),
+                    )  # fmt: skip
+        elif port.kind == "motion" and port.attachment == "equation":
+            acting = _acting(s, port)
+            other = {
+                signal: next((name for cls, name in fed.items() if frozenset((s.of(own), cls)) in acting), "")
+                for signal, own in port.signals.items()
+            }
+            signals = {n: f"{port.signals[n]}{DIFFERENCE}{name}" for n, name in other.items() if name}
+            if signals:
+                units = {n: unit for n, unit in port.units.items() if n in (*signals, "f")}
+                name = other.get("v") or other["x"]
+                yield replace(port, id=f"{port.id}-{name}", signals=signals, units=units, neighbours=())
+
+
+def _input_classes(s: AliasStructure) -> dict[str, str]:
+    """Return variables that depend on inputs alone: by alias class, the name with the fewest dots."""
+    seen = {n for n, v in s.variables.items() if n in s.same and "[" not in n and not (v.protected and "." in n)}
+    found = {s.of(n): n for n, v in s.variables.items() if v.causality == "input" and "." not in n and n in seen}
+    grown = True
+    while grown:
+        grown = False
+        for e in s.flat.equations:
+            for one, whole in ((e.left, e.right), (e.right, e.left)):
+                if not isinstance(one, Name) or one.name not in s.same or s.of(one.name) in found:
+                    continue
+                varying = {s.of(n) for n in names_in(whole) if n in s.variables and not s.variables[n].constant}
+                if varying and varying <= found.keys() and not [*derived_names(whole)]:
+                    members = [n for n in s.members(s.of(one.name)) if n in seen]
+                    if members:
+                        found[s.of(one.name)] = min(members, key=lambda n: n.count("."))
+                        grown = True
+    return found
+
+
+def _acting(s: AliasStructure, port: Port) -> set[frozenset[str]]:
+    """Return pairs of variables whose difference is part of a motion's balance, or of what gives a force there.
+
+    A difference from which a controller forms a voltage is no place in the mechanics."""
+    own, unit = balance_of(s, port), port.units.get("f", "")
+
+    def gives_force(tree: Expression) -> bool:
+        return isinstance(tree, Name) and tree.name in s.same and unit_in(s, s.of(tree.name)) == unit
+
+    equations = [e for e in s.flat.equations if e is own or gives_force(e.left) or gives_force(e.right)]
+    return {pair for e in equations for side in (e.left, e.right) for pair in _inside(s, side)}
+
+
+def _inside(s: AliasStructure, tree: Expression) -> Iterator[frozenset[str]]:
+    """Yield pairs of variables whose difference is a proper part of an expression."""
+    for inner in children(tree):
+        yield from differences_in(s, inner)

@@ -20,7 +20,6 @@ from aero_bayes.modelica.units import dimension, in_base_units_if_scaled, unit_f
 LawKind = Literal[
     "input", "output", "reading", "motion", "storage", "overflow", "exchange", "electrical", "replaceable"
 ]  # fmt: skip
-ParameterAttribute = Literal["default", "minimum", "maximum", "nominal"]
 
 
 @dataclass(frozen=True)
@@ -52,25 +51,24 @@ SIGNAL_DEFAULTS: Mapping[str, str] = {"h_s": "h_0"}
 
 @dataclass(frozen=True)
 class LawParameter:
-    """A parameter that is fitted. Its attributes are expressions in the nominal values of the port.
+    """A parameter that is fitted.
 
-    ``nominal`` is the magnitude at which a search starts. ``declared_unit`` is the unit in the declaration, or empty.
-    """
+    ``terms`` are its default and its attributes ``min``, ``max`` and ``nominal``, as far as they are declared, in the
+    nominal values of the port; at ``nominal`` a search starts."""
 
     name: str
     description: str
-    default: Expression
-    minimum: Expression | None
-    maximum: Expression | None
-    nominal: Expression
+    terms: Mapping[str, Expression]
     declared_unit: str = ""
 
-    def value(self, of: ParameterAttribute, nominals: Mapping[str, float]) -> float:
-        """Return the number of one attribute. A bound that is not declared is infinite."""
-        term = getattr(self, of)
-        if term is None:
-            return float("-inf") if of == "minimum" else float("inf")
-        return evaluate_expression(term, nominals)
+    def check(self, nominals: Mapping[str, float]) -> None:
+        """Raise InputError for an attribute that is no expression in nominal values."""
+        for of in self.terms:
+            self.value(of, nominals)
+
+    def value(self, of: str, nominals: Mapping[str, float]) -> float:
+        """Return the number of the default or an attribute."""
+        return evaluate_expression(self.terms[of], nominals)
 
     def unit(self, nominal_units: Mapping[str, str]) -> str:
         """Return the declared unit; else the one that follows from the units of the nominal values.
@@ -78,10 +76,10 @@ class LawParameter:
         Empty if unknown."""
         if self.declared_unit:
             return self.declared_unit
-        if not names_in(self.nominal):
+        if not names_in(self.terms["nominal"]):
             return "1"
         factors = {name: unit_factors(unit) for name, unit in nominal_units.items()}
-        return unit_text(in_base_units_if_scaled(dimension(self.nominal, factors.get)))
+        return unit_text(in_base_units_if_scaled(dimension(self.terms["nominal"], factors.get)))
 
 
 @dataclass(frozen=True)
@@ -182,9 +180,7 @@ def _law(cls: ClassText, interface: LawInterface, base: ClassText, text: str, me
         raise InputError("a law needs a parameter with the attribute nominal")
     nominals = {c.name: evaluate_expression(parse_expression(c.binding), {}) for c in inherited if _is_nominal(c)}
     for p in fitted:
-        for term in (p.default, p.minimum, p.maximum, p.nominal):
-            if term is not None:
-                evaluate_expression(term, dict.fromkeys(nominals, 1.0) | {"h_z": 0.0})
+        p.check(dict.fromkeys(nominals, 1.0) | {"h_z": 0.0})
     words = {t.word for s in cls.equations for t in s.tokens if t.kind == "name"}
     words |= {t.word for c in own for t in c.binding if t.kind == "name"}
     (extends,) = (s for s in cls.declarations if s.first == "extends")
@@ -227,13 +223,11 @@ def _is_nominal(c: ComponentDeclaration) -> bool:
 
 def law_parameter(c: ComponentDeclaration) -> LawParameter:
     """Return the fitted parameter of a declaration. Raises InputError if it has no default."""
-    terms = {name: parse_expression(tokens) for name, tokens in c.modifiers}
     if not c.binding:
         raise InputError(f"the parameter {c.name!r} needs a default")
-    return LawParameter(
-        c.name, c.description, parse_expression(c.binding), terms.get("min"), terms.get("max"), terms["nominal"],
-        _text(terms.get("unit")),
-    )  # fmt: skip
+    given = {name: parse_expression(tokens) for name, tokens in (("default", c.binding), *c.modifiers)}
+    terms = {name: given[name] for name in ("default", "min", "max", "nominal") if name in given}
+    return LawParameter(c.name, c.description, terms, _text(given.get("unit")))
 
 
 def annotation_text(annotation: Sequence[Token], word: str) -> str:

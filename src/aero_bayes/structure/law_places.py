@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -22,23 +22,21 @@ from aero_bayes.structure.candidates import (
     Candidate,
     declared_candidates,
     find_candidates,
+    place_law,
     ports_with_laws,
     with_applicable_laws,
 )
-from aero_bayes.structure.compose import LawModels, law_models
+from aero_bayes.structure.compose import LawModels, flat_components, law_models
 from aero_bayes.structure.find import replaceable_ports
 from aero_bayes.structure.law import (
     Law,
     LawInterface,
-    LawParameter,
     annotation_text,
     is_fitted_parameter,
     law_parameter,
     read_laws,
     shipped_laws,
 )
-from aero_bayes.structure.open_replaceables import effect_models
-from aero_bayes.structure.placed_law import place_law
 from aero_bayes.structure.write_model import can_be_written, read_sources, reserved_names
 from aero_bayes.unknown_names import closest_name
 
@@ -128,7 +126,8 @@ def _law(cls: ClassText, constraint: str, own: Sequence[ComponentDeclaration]) -
     }
     nominals = {name: value for name, value in others.items() if name in REPLACEABLE_INTERFACE.nominals}
     widths = {name: value for name, value in others.items() if name not in nominals}
-    _check(fitted, nominals)
+    for p in fitted:
+        p.check(nominals)
     notes = [annotation_text(cls.annotation, word) for word in ("refines", "learned", "threshold")]
     if notes[1] not in ("", "x"):
         raise InputError(f'learned = {notes[1]!r}; expected "x", the variable over which y is learned')
@@ -144,14 +143,6 @@ def _number(c: ComponentDeclaration) -> float | None:
         return evaluate_expression(parse_expression(c.binding), {}) if c.binding else None
     except InputError:
         return None
-
-
-def _check(fitted: Sequence[LawParameter], nominals: Mapping[str, float]) -> None:
-    """Raise InputError for an attribute that is no expression in nominal values."""
-    for p in fitted:
-        for term in (p.default, p.minimum, p.maximum, p.nominal):
-            if term is not None:
-                evaluate_expression(term, nominals)
 
 
 @dataclass(frozen=True)
@@ -221,7 +212,8 @@ class LawPlaces:
         found = dict(law_models(self.laws))
         if self.replaceable_laws:
             inputs = {law.constraint: self._inputs_of(law.constraint) for law in self.replaceable_laws}
-            effects = effect_models(self.replaceable_laws, inputs, self.sources, self.libraries)
+            own = {law.id: (law.model, inputs[law.constraint]) for law in self.replaceable_laws}
+            effects = flat_components("EffectsAtOnce", own, self.sources, self.libraries)
             found |= {("replaceable", id_): flat for id_, flat in effects.items()}
         return found
 
@@ -249,15 +241,11 @@ class LawPlaces:
         """Return the declared name of a port, which several ports may share; else its id."""
         return self.declared.ports.get(port.id, port.id)
 
-    def candidates_for(self, data: MeasuredData) -> Sequence[Candidate]:
-        """Return the candidates that may act on the model of a calibration."""
-        return self.writable_candidates()
-
-    def writable_candidates(self) -> tuple[Candidate, ...]:
+    def candidates_for(self, data: MeasuredData | None) -> Sequence[Candidate]:
         """Return the candidates that can be written into the source."""
         every = self.candidates
         edited = {c.port.id: c for c in every if c.port.attachment in ("equation", "signal")}.values()
-        laws = [place_law(c.law, c.port, self.taken_names(), nominals={}, neighbour=c.neighbour) for c in edited]
+        laws = [place_law(c, self.taken_names()) for c in edited]
         barred = {p.port.id for p in laws if not can_be_written(self.sources, self.base, self.flat, p)}
         return tuple(c for c in every if c.port.id not in barred)
 

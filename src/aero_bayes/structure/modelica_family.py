@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import itertools
-import math
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
@@ -13,24 +11,28 @@ from pathlib import Path
 
 import numpy as np
 
-from aero_bayes.declared import DeclaredEffect
 from aero_bayes.errors import InputError
 from aero_bayes.estimate.calibration import Calibration
-from aero_bayes.estimate.fit import declared_overrides
 from aero_bayes.estimate.local_fit import Optimum
-from aero_bayes.estimate.parameters import Override, Parameter
+from aero_bayes.estimate.parameters import Parameter
 from aero_bayes.modelica.embedded import export_flat
 from aero_bayes.modelica.flat import FlatModel
 from aero_bayes.modelica.library import declared_members
 from aero_bayes.modelica.rumoca_front import load_flat
-from aero_bayes.simulation.interface import DelayTarget
 from aero_bayes.simulation.model import Model, ModelicaSource
-from aero_bayes.structure.attach import OpenModel, attached
-from aero_bayes.structure.candidates import is_possible, ports_with_laws
+from aero_bayes.structure.attach import AlgebraicLoopError, LawBlocks, attached, can_be_attached
+from aero_bayes.structure.candidates import (
+    PlacedLaw,
+    at_same_ports,
+    describe_law,
+    is_possible,
+    place_law,
+    place_laws,
+    ports_with_laws,
+    with_moved_input,
+)
 from aero_bayes.structure.compose import compose_laws
 from aero_bayes.structure.coupled_fmu import couple
-from aero_bayes.structure.law import START_PREFIX
-from aero_bayes.structure.law_blocks import AlgebraicLoopError, LawBlocks, can_be_attached
 from aero_bayes.structure.law_places import LawPlaces
 from aero_bayes.structure.model_family import (
     CandidateTerm,
@@ -38,12 +40,14 @@ from aero_bayes.structure.model_family import (
     ExtendedModel,
     ModelWithCandidates,
     OpenSimulator,
+    Starts,
     calibration_on,
-    effect_parameter,
-    to_significant_digits,
+    fitted_parameters,
+    starting_values,
 )
 from aero_bayes.structure.nominal_values import port_nominals, signal_nominal, simulated_signals
 from aero_bayes.structure.open_ports import (
+    OpenModel,
     curve_basis,
     curve_variable,
     isolated_curve,
@@ -53,99 +57,8 @@ from aero_bayes.structure.open_ports import (
     states_by_base_name,
     with_curve_inputs,
 )
-from aero_bayes.structure.placed_law import (
-    PlacedLaw,
-    PlacedTerms,
-    at_same_ports,
-    describe_law,
-    place_law,
-    place_laws,
-    with_moved_input,
-)
 from aero_bayes.structure.redeclare import load_with_redeclarations, split_by_replaceable
 from aero_bayes.structure.write_model import WrittenModel, write_laws
-
-
-def refinements(placed: Mapping[str, PlacedLaw]) -> dict[str, str]:
-    """Return, for each law that refines another one at the same port, the id of that one."""
-    known = {(p.law.id, p.port.id): id_ for id_, p in placed.items()}
-    coarse = {id_: known.get((p.law.refines, p.port.id)) for id_, p in placed.items()}
-    return {id_: of for id_, of in coarse.items() if of is not None}
-
-
-#: Magnitudes to start from, in nominal values: of a law with further parameters, and of a law with the magnitude only.
-#: The latter may act only beyond a threshold, which a coarse grid would step over.
-START_MAGNITUDES, START_MAGNITUDES_WITHOUT_SHAPE = (
-    (1.0, 0.2, 5.0),
-    (1.0, 0.1, 0.3, 0.6, 0.75, 0.8, 0.84, 0.9, 1.2, 1.6, 2.5, 5.0),
-)
-#: Values of further parameters in nominal values, where their bounds are less than a factor apart.
-START_LEVELS, NARROW_BOUND_RATIO = (1.0, 0.85, 0.65, 0.4, 1.1), 30.0
-
-
-def fitted_parameters(placed: PlacedLaw) -> list[Parameter]:
-    """Return the parameters of a placed law with their priors, the magnitude first."""
-    found = []
-    for p in placed.parameters():
-        limits = placed.limits(p)
-        bounds = limits.get("min", -1e3 * limits["nominal"]), limits.get("max", 1e3 * limits["nominal"])
-        default = p.value("default", placed.all_nominals)
-        about = p.description if placed.port.replaceable is not None else f"{p.description} at {placed.port.id}"
-        one = effect_parameter(placed.names[p.name], placed.unit(p), about, bounds, limits["nominal"], default)
-        if placed.moved_input:
-            one = replace(one, target=DelayTarget(placed.moved_input))
-        elif p in placed.law.starts:
-            one = replace(one, starts=(f"{placed.instance}.{p.name.removeprefix(START_PREFIX)}",))
-        found.append(one)
-    return found
-
-
-def starting_values(
-    placed: PlacedLaw, effect: DeclaredEffect | None = None, highest: float = 1.0
-) -> tuple[tuple[float, ...], ...]:
-    """Return starting values of the parameters of a law: all combinations of a few values of each.
-
-    Magnitudes have both signs where the bounds allow it."""
-    if placed.law.curve_input:
-        return ()
-    if effect is not None and (effect.starts or effect.inverse_shares):
-        return _declared(placed, effect, highest)
-    choices: list[Collection[float]] = []
-    parameters = [p for p in placed.parameters() if p not in placed.law.starts]
-    for k, p in enumerate(parameters):
-        limits = placed.limits(p)
-        low, high = limits.get("min", -math.inf), limits.get("max", math.inf)
-        scale = limits["nominal"]
-        if k == 0:
-            static = len(parameters) == 1 and low >= 0.0 and not placed.has_states
-            sizes = [
-                m * scale
-                for m in (START_MAGNITUDES_WITHOUT_SHAPE if static or placed.law.threshold else START_MAGNITUDES)
-            ]
-            values = [s for s in sizes if s <= high] + ([-s for s in sizes if -s >= low] if low < 0.0 else [])
-        elif low > 0.0 and high < NARROW_BOUND_RATIO * low:
-            values = [m * scale for m in START_LEVELS if low < m * scale < high]
-        elif low > 0.0:
-            values = [scale, math.sqrt(scale * low), math.sqrt(scale * high)]
-        else:
-            values = [scale] if low >= 0.0 else [scale, -scale]
-        choices.append(values)
-    return tuple(itertools.product(*choices))
-
-
-def _declared(placed: PlacedLaw, effect: DeclaredEffect, highest: float) -> tuple[tuple[float, ...], ...]:
-    choices: list[tuple[float, ...]] = []
-    parameters = [p for p in placed.parameters() if p not in placed.law.starts]
-    for p in parameters:
-        limits = placed.limits(p)
-        values = effect.starts.get(p.name, (limits["nominal"],))
-        if len(parameters) == 1 and limits.get("min", -math.inf) >= 0.0:
-            values = (*values, 0.2 * min(values))
-        if p.name in effect.inverse_shares:
-            values = tuple(1.0 / (share * max(highest, 1e-3)) for share in effect.inverse_shares[p.name])
-        choices.append(values)
-    return tuple(itertools.product(*choices))
-
 
 #: Nominal values of the signals at ports, by the ids of the ports.
 PortNominals = Mapping[str, Mapping[str, float]]
@@ -157,34 +70,18 @@ class ModelicaFamily:
 
     places: LawPlaces
     folder: Path
+    placed: dict[str, PlacedLaw] = field(default_factory=dict, compare=False, repr=False)
+    _starts: dict[str, Starts] = field(default_factory=dict, compare=False, repr=False)
+    _written: list[PlacedLaw] = field(default_factory=list, compare=False, repr=False)
     _open: list[OpenModel] = field(default_factory=list, compare=False, repr=False)
-    terms: PlacedTerms = field(default_factory=PlacedTerms, compare=False, repr=False)
     _curve_nominals_pending: list[Callable[[], Mapping[str, float]]] = field(
         default_factory=list, compare=False, repr=False
     )
 
-    @property
-    def base(self) -> str:
-        """Name of the Modelica class."""
-        return self.places.base
-
-    @property
-    def title(self) -> str:
-        """Last part of the name."""
-        return self.places.title
-
-    def check(self) -> None:
-        """Raise InputError if the candidate filter names something unknown, or rejects all candidates."""
-        self.places.check()
-
     def base_model(self) -> Model:
         """Return the model without any law added."""
-        source = ModelicaSource(self.base, self.places.sources, self.places.libraries)
+        source = ModelicaSource(self.places.base, self.places.sources, self.places.libraries)
         return replace(self._export(self.places.flat, "plain"), source=source)
-
-    def overrides(self, model: Model) -> Mapping[str, Override]:
-        """Return the declared priors."""
-        return declared_overrides(model)
 
     def prepare(self, calibration: Calibration, fit: Optimum, open_simulator: OpenSimulator) -> tuple[str, ...]:
         """Place the laws that are candidates, with nominal values from a fit. Returns their ids."""
@@ -195,51 +92,51 @@ class ModelicaFamily:
         kept = [c for c in kept if c.id in required or is_possible(c.law, nominals.get(c.port.id, {}))]
         experiments = calibration.data.experiments
         highest = max((float(np.abs(s.values).max()) for e in experiments for s in e.inputs), default=1.0)
-        self.terms.placed.clear()
+        self.placed.clear()
         self._open.clear()
         recorded = set.intersection(*({s.name for s in e.inputs} for e in experiments))
         laws = place_laws(kept, self.places.taken_names(), nominals, free_starts=True)
         for placed in (with_moved_input(p, recorded) for p in laws):
             declared = self.places.declared.effects.get(placed.id)
-            self.terms.add(placed, starting_values(placed, declared, highest))
+            self.placed[placed.id] = placed
+            self._starts[placed.id] = starting_values(placed, declared, highest)
         self._curve_nominals_pending[:] = [partial(self._curve_nominals, calibration, fit, open_simulator)]
-        return tuple(self.terms.placed)
+        return tuple(self.placed)
 
     def _nominals(self, calibration: Calibration, fit: Optimum, open_simulator: OpenSimulator) -> PortNominals:
         return port_nominals(self.places.flat, self.places.ports, calibration, fit, open_simulator)
 
-    def refinements(self) -> Mapping[str, str]:
-        """Return, for each law that refines another one at the same port, that one."""
-        return refinements(self.terms.placed)
+    def refinements(self) -> dict[str, str]:
+        """Return, for each law that refines another one at the same port, the id of that one."""
+        known = {(p.law.id, p.port.id): id_ for id_, p in self.placed.items()}
+        coarse = {id_: known.get((p.law.refines, p.port.id)) for id_, p in self.placed.items()}
+        return {id_: of for id_, of in coarse.items() if of is not None}
 
     def curves(self) -> Mapping[str, str]:
         """Return learned curves, and the variable over which each is learned."""
-        return {id_: curve_variable(placed) for id_, placed in self.terms.placed.items() if placed.law.curve_input}
+        return {id_: curve_variable(placed) for id_, placed in self.placed.items() if placed.law.curve_input}
 
     def basis(self, id_: str) -> CurveBasis:
         """Return the basis functions of a learned curve."""
         (placed,) = self._sized([id_])
-        if placed.port.replaceable is None:
-            return curve_basis(placed, self.places.law_models)
-        return curve_basis(*isolated_curve(self._redeclared([placed]), placed))
+        return curve_basis(*isolated_curve(placed, self.places.law_models))
 
     def parameters(self, id_: str) -> tuple[Parameter, ...]:
         """Return the parameters of a candidate, by their names in a model with candidates."""
-        return tuple(fitted_parameters(self.terms.placed[id_]))
+        return tuple(fitted_parameters(self.placed[id_]))
 
-    def starts(self, id_: str) -> tuple[tuple[float, ...], ...]:
+    def starts(self, id_: str) -> Starts:
         """Return starting values of the parameters of a candidate; none for a learned curve."""
-        return self.terms.starts[id_]
+        return self._starts.get(id_, ())
 
     def with_candidates(self, ids: Collection[str]) -> ModelWithCandidates:
         """Return the model with some laws, switched off."""
-        placed_laws = self._ordered(id_ for id_ in self.terms.placed if id_ in ids)
-        model = self._simulated(placed_laws)
-        own = [
+        placed_laws = self._ordered(id_ for id_ in self.placed if id_ in ids)
+        terms = [
             (CandidateTerm(u.id, self.places.port_name(u.port), self.starts(u.id)), self.parameters(u.id))
             for u in placed_laws
         ]
-        return ModelWithCandidates(model, tuple(p for _, ps in own for p in ps), tuple((c, len(ps)) for c, ps in own))
+        return ModelWithCandidates(self._simulated(placed_laws), terms)
 
     @cached_property
     def blocks(self) -> LawBlocks:
@@ -248,7 +145,7 @@ class ModelicaFamily:
     def _opened(self) -> OpenModel:
         """Return the model with its ports open for all laws that are placed and can be attached."""
         if not self._open:
-            placed_laws = [p for p in self.terms.placed.values() if can_be_attached(p)]
+            placed_laws = [p for p in self.placed.values() if can_be_attached(p)]
             export = partial(self._export, what="open")
             self._open.append(open_model(self.base_model(), placed_laws, self.places.flat, export))
         return self._open[0]
@@ -260,7 +157,7 @@ class ModelicaFamily:
         base = self._opened()
         given = [(u.id, u.instance, u.names, u.all_nominals) for u in placed_laws]
         key = hashlib.sha256(f"{base.model.sha256}{given}".encode()).hexdigest()[:16]
-        out = self.folder / f"{self.title}-attached-{key}.fmu"
+        out = self.folder / f"{self.places.title}-attached-{key}.fmu"
         if not out.exists():
             self.folder.mkdir(parents=True, exist_ok=True)
             couple(attached(base, placed_laws, self.blocks), out)
@@ -287,7 +184,7 @@ class ModelicaFamily:
         if not placed_laws:
             return self.places.flat
         return load_with_redeclarations(
-            self.base, f"{self.title}_candidates", placed_laws, self.places.sources, self.places.libraries
+            self.places.base, f"{self.places.title}_candidates", placed_laws, self.places.sources, self.places.libraries
         )
 
     def _sized(self, ids: Iterable[str]) -> list[PlacedLaw]:
@@ -295,12 +192,12 @@ class ModelicaFamily:
         wanted = list(ids)
         if self._curve_nominals_pending and {placed.id for placed in self._curves()} & set(wanted):
             for id_, size in self._curve_nominals_pending.pop()().items():
-                self.terms.placed[id_] = replace(self.terms.placed[id_], nominals={"x_n": size})
-        return [self.terms.placed[id_] for id_ in wanted]
+                self.placed[id_] = replace(self.placed[id_], nominals={"x_n": size})
+        return [self.placed[id_] for id_ in wanted]
 
     def _curves(self) -> list[PlacedLaw]:
         """Return learned curves in replaceable models."""
-        every = self.terms.placed.values()
+        every = self.placed.values()
         return [placed for placed in every if placed.port.replaceable is not None and placed.law.curve_input]
 
     def _curve_nominals(
@@ -321,7 +218,7 @@ class ModelicaFamily:
 
         Those in replaceable models come first, in their own order. Of the others, laws that need the derivative of a
         reading are the innermost."""
-        places = {id_: k for k, id_ in enumerate(self.terms.placed)}
+        places = {id_: k for k, id_ in enumerate(self.placed)}
         inside, others = split_by_replaceable(self._sized(ids))
         inside = sorted(inside, key=lambda u: places[u.id])
         return [*inside, *sorted(others, key=lambda u: not u.law.needs_derivative)]
@@ -336,33 +233,24 @@ class ModelicaFamily:
         names: dict[str, tuple[tuple[str, str], ...]] = {}
         for old in self._ordered(ids):
             known = {p.name: values[old.names[p.name]] for p in old.parameters() if old.names[p.name] in values}
-            own = {name: to_significant_digits(value, 6) for name, value in known.items()}
-            placed = place_law(
-                old.law,
-                old.port,
-                taken,
-                nominals=old.nominals,
-                values=own,
-                neighbour=old.neighbour,
-                alias=old.alias,
-                with_starts=True,
-            )
+            own = {name: float(f"{value:.6g}") for name, value in known.items()}
+            placed = place_law(old, taken, nominals=old.nominals, values=own, with_starts=True)
             taken |= {placed.instance, *placed.names.values()}
             placed_laws.append(replace(placed, moved_input=old.moved_input))
-            self.terms.note_outputs(placed)
             names[old.id] = tuple((old.names[p.name], placed.names[p.name]) for p in old.parameters())
+        self._written.extend(placed_laws)
         written, model = self._write(placed_laws, values, folder)
         if any(placed.moved_input for placed in placed_laws):
             model = self._simulated(placed_laws)
         parameters = tuple(p for placed in placed_laws for p in fitted_parameters(placed))
         widths = {u.id: u.law.widths for u in placed_laws}
-        return ExtendedModel(written.name, written.path, written.text, written.diff, model, parameters, names, widths)
+        return ExtendedModel(**vars(written), model=model, parameters=parameters, names=names, widths=widths)
 
     def _write(
         self, placed_laws: Sequence[PlacedLaw], values: Mapping[str, float], folder: Path
     ) -> tuple[WrittenModel, Model]:
         """Return the written model and its FMU. ``values`` of the fit go by the names of the model with candidates."""
-        written = write_laws(self.places.sources, self.base, self.places.flat, placed_laws, folder)
+        written = write_laws(self.places.sources, self.places.base, self.places.flat, placed_laws, folder)
         flat = load_flat(written.name, (*self.places.sources, written.path), self.places.libraries)
         return written, self._export(flat, written.name)
 
@@ -372,7 +260,10 @@ class ModelicaFamily:
 
     def _states_there(self, base: Model, model: Model) -> Mapping[str, str]:
         """Return names in another model of states of a base model."""
-        there = states_by_base_name(model, self.places.structure, self._aliases, self.terms.read)
+        # the output on which a law acts is known by what the law reads in its place
+        acting = [p for p in (*self.placed.values(), *self._written) if p.port.attachment == "output"]
+        read = {f"{p.instance}.u": p.port.signals["u"] for p in acting}
+        there = states_by_base_name(model, self.places.structure, self._aliases, read)
         return state_names(base, self.places.structure, there)
 
     @cached_property
@@ -381,13 +272,13 @@ class ModelicaFamily:
 
     def describe(self, id_: str) -> str:
         """Return a sentence about a law and its port."""
-        return describe_law(self.terms.placed[id_].law, self.terms.placed[id_].port)
+        return describe_law(self.placed[id_].law, self.placed[id_].port)
 
     def _export(self, flat: FlatModel, what: str) -> Model:
         """Return the FMU of a flat model. The hash of the flat model is part of the file name."""
         key = hashlib.sha256(repr(flat).encode()).hexdigest()[:16]
-        out = self.folder / f"{self.title}-{what}-{key}.fmu"
+        out = self.folder / f"{self.places.title}-{what}-{key}.fmu"
         if not out.exists():
             self.folder.mkdir(parents=True, exist_ok=True)
-            export_flat(flat, out, members=declared_members(self.base, self.places.sources))
+            export_flat(flat, out, members=declared_members(self.places.base, self.places.sources))
         return Model.load(out)

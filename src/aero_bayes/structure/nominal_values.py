@@ -302,13 +302,13 @@ class _AddedOutputs:
                 model = self._export(self.names, path)
             except InputError:
                 model = self._export([e for e in self.names if self._can_be_exported(e, path)], path)
-        return replace(calibration, simulated=replace(calibration.simulated, model=model)), probes
+        return replace(calibration, model=model), probes
 
     def run(
         self, own: Calibration, fit: Optimum, open_simulator: OpenSimulator, *, undriven: bool
     ) -> tuple[dict[str, list[FloatArray]], dict[str, list[FloatArray]]]:
         """Return each expression over the recordings, by its name, and with ``undriven`` also without inputs."""
-        model = own.simulated.model
+        model = own.model
         names = [name for name in self.names.values() if any(v.name == name for v in model.outputs)]
         found, rest = simulated_signals(own, names, fit, open_simulator), {}
         alive = own.parameters.revived(fit.coordinates, fit.free)

@@ -1,33 +1,156 @@
-"""A Modelica model with open ports, exported once."""
+"""A Modelica model with open ports, exported once; replaceable models are open ports, too.
+
+A law of a replaceable model reads the potentials of the connectors of its place, the flow into the first one of two in
+series, and what is handed to it. It gives the flows out of the others, what is added to the potential and lost of the
+flow in series, and what is added to a signal: all zero in the neutral class."""
 
 from __future__ import annotations
 
 import zipfile
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from xml.etree import ElementTree
 
 import numpy as np
 
 from aero_bayes.errors import InputError
 from aero_bayes.modelica.causalisation import causalise
-from aero_bayes.modelica.compose import TRUE_SUFFIX, add_output, attribute_value
+from aero_bayes.modelica.compose import TRUE_SUFFIX, add_input, add_output, attribute_value, equate
 from aero_bayes.modelica.equation_system import translate
 from aero_bayes.modelica.expression import evaluate_nodes
-from aero_bayes.modelica.flat import FlatModel
-from aero_bayes.modelica.syntax import Call, Name, Number, parse_reference
+from aero_bayes.modelica.flat import FlatEquation, FlatModel, FlatVariable
+from aero_bayes.modelica.syntax import Call, Expression, Name, Number, map_names, parse_reference
 from aero_bayes.simulation.model import Model
 from aero_bayes.structure.aliases import AliasStructure, alias_structure
-from aero_bayes.structure.attach import OpenModel
-from aero_bayes.structure.balance import DIFFERENCE
-from aero_bayes.structure.compose import LawModels, component_of, with_probe
+from aero_bayes.structure.balance import DIFFERENCE, CombinationRule, ReplaceableModel
+from aero_bayes.structure.candidates import PlacedLaw, identifier, in_sentence
+from aero_bayes.structure.compose import LawModels, with_probe
 from aero_bayes.structure.coupled_fmu import BASE, INPUT, STATE, UNREAD_SUFFIX, Source, Terms
 from aero_bayes.structure.model_family import CurveBasis
 from aero_bayes.structure.nominal_values import NEGLIGIBLE_TERM
-from aero_bayes.structure.open_replaceables import members, open_replaceables
-from aero_bayes.structure.placed_law import PlacedLaw, identifier
 from aero_bayes.structure.redeclare import component_path
+
+ACROSS, LOST, THROUGH = "across", "lost", "through"
+
+
+@dataclass(frozen=True)
+class Terminals:
+    """What a law of a replaceable model reads and gives, by the names that it has in the law's FMU."""
+
+    reads: Mapping[str, str]
+    passed: Mapping[str, tuple[str, float]]
+    definitions: Mapping[str, Expression]
+
+    def reads_in(self, component: str) -> dict[str, str]:
+        """Return what a law reads, by the names in the whole model."""
+        return {name: f"{component}.{member}" for name, member in self.reads.items()}
+
+
+def terminals(join: CombinationRule, members: Sequence[FlatVariable]) -> Terminals:
+    """Return the terminals of a place from its variables, named from within."""
+    reads: dict[str, str] = {}
+    passed: dict[str, tuple[str, float]] = {}
+    definitions: dict[str, Expression] = {}
+
+    def ends(connector: str) -> tuple[str, str]:
+        own = [v for v in members if v.name.rpartition(".")[0] == connector]
+        return next(v.name for v in own if not v.flow), next(v.name for v in own if v.flow)
+
+    for connector in join.shared:
+        potential, flow = ends(connector)
+        reads[identifier(potential)] = potential
+        definitions[identifier(flow)] = Name(flow)
+    if join.series:
+        (potential, flow), (end, out) = map(ends, join.series)
+        reads |= {identifier(potential): potential, identifier(flow): flow}
+        definitions[ACROSS] = Call("-", (Name(end), Name(potential)))
+        definitions[LOST] = Call("+", (Name(flow), Name(out)))
+        passed |= {potential: (ACROSS, 1.0), flow: (LOST, -1.0)}
+    if join.signal:
+        signal, out = join.signal
+        reads[signal] = signal
+        definitions[THROUGH] = Call("-", (Name(out), Name(signal)))
+        passed[signal] = (THROUGH, 1.0)
+    constant = {v.name for v in members if v.constant}
+    reads |= {name: name for name in join.handed if name not in constant}
+    return Terminals(reads, passed, definitions)
+
+
+def open_replaceables(
+    flat: FlatModel, places: Sequence[ReplaceableModel]
+) -> tuple[FlatModel, dict[str, str], dict[str, Terminals]]:
+    """Return a model with probe inputs in place of what its neutral classes state, their names by
+    ``component.terminal``, and the terminals of each component.
+
+    A replaceable model whose neutral class states something else stays as it is."""
+    names: dict[str, str] = {}
+    opened: dict[str, Terminals] = {}
+    for join, components in ((place.combination, place.components) for place in places):
+        for component in components if join is not None else ():
+            assert join is not None
+            found = terminals(join, members(flat, component))
+            neutral = [i for i, e in enumerate(flat.equations) if e.component == component and e.origin == "component"]
+            if len(neutral) != len(found.definitions):
+                continue
+            opened[component] = found
+            equations = list(flat.equations)
+            for i, (terminal, tree) in zip(neutral, found.definitions.items(), strict=True):
+                names[f"{component}.{terminal}"] = probe = f"probe_{identifier(component)}_{terminal}"
+                whole = map_names(tree, lambda n, at=component: Name(f"{at}.{n.name}", n.subscripts))  # type: ignore[misc]
+                equations[i] = FlatEquation(whole, Name(probe), "added", place=equations[i].place)
+                flat = add_input(flat, probe)
+            flat = replace(flat, equations=tuple(equations))
+    return flat, names, opened
+
+
+def members(flat: FlatModel, component: str) -> list[FlatVariable]:
+    """Return the variables of a component, named from within."""
+    prefix = f"{component}."
+    return [replace(v, name=v.name.removeprefix(prefix)) for v in flat.variables if v.name.startswith(prefix)]
+
+
+def effect_block(flat: FlatModel, join: CombinationRule) -> FlatModel:
+    """Return a law of a replaceable model with its terminals as inputs and outputs."""
+    found = terminals(join, flat.variables)
+    shown = [v.name for v in flat.variables if v.causality == "output"]
+    flat = replace(
+        flat, variables=tuple(replace(v, causality="local") if v.name in shown else v for v in flat.variables)
+    )
+    for name, member in found.reads.items():
+        if name != member:
+            flat = equate(add_input(flat, name), member, Name(name))
+    for name, tree in found.definitions.items():
+        flat = add_output(flat, name, tree)
+    return flat
+
+
+@dataclass(frozen=True, eq=False)
+class OpenModel:
+    """A model with open ports.
+
+    ``inputs`` are its own, ``probes`` the inputs that stand for a law's output by the id of the port, which count
+    ``gain`` times. ``signals`` and ``rates`` say where a signal and its derivative are found. ``needs`` has the inputs
+    on which outputs depend at once, ``copies`` the states that outputs are as long as no probe acts on them.
+    By components of replaceable models, ``terminals`` has what a law reads and gives, ``constants`` parameters."""
+
+    model: Model
+    inputs: tuple[str, ...]
+    probes: Mapping[str, str]
+    signals: Mapping[str, Terms]
+    rates: Mapping[str, Terms] = field(default_factory=dict)
+    needs: Mapping[Source, frozenset[str]] = field(default_factory=dict)
+    hidden: frozenset[str] = frozenset()
+    gain: float = 1.0
+    copies: Mapping[str, int] = field(default_factory=dict)
+    state_names: Sequence[str] = ()
+    terminals: Mapping[str, Terminals] = field(default_factory=dict)
+    constants: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+
+    def output_needs(self, name: str) -> frozenset[str]:
+        """Return the inputs on which an output depends at once."""
+        return self.needs.get(Source(BASE, self.model.output(name).value_reference), frozenset())
+
 
 #: Points at which a curve is evaluated.
 CURVE_POINTS = 61
@@ -58,13 +181,15 @@ def curve_variable(placed: PlacedLaw) -> str:
     if placed.port.replaceable is None:
         return placed.port.signals.get(placed.law.curve_input, placed.port.id)
     about = next((c.description for c in placed.law.cls.components() if c.name == placed.law.curve_input), "")
-    return f"{about[:1].lower()}{about[1:]}" or placed.port.id
+    return in_sentence(about) or placed.port.id
 
 
-def isolated_curve(flat: FlatModel, placed: PlacedLaw) -> tuple[PlacedLaw, LawModels]:
-    """Take a curve out of a replaceable model, from a flat model in which it is the only law there."""
-    part = component_of(flat, component_path(placed, [placed]), ())
-    x, y = placed.law.curve_input, placed.law.interface.output
+def isolated_curve(placed: PlacedLaw, models: LawModels) -> tuple[PlacedLaw, LawModels]:
+    """Take a curve of a replaceable model out of what else its class states; any other is alone already."""
+    key = placed.law.kind, placed.law.id
+    if placed.port.replaceable is None:
+        return placed, models
+    x, y, part = placed.law.curve_input, placed.law.interface.output, models[key]
     kept = {x, y, *placed.all_nominals, *(p.name for p in placed.law.parameters)}
     variables = tuple(
         replace(v, causality="input" if v.name == x else "local", binding=Number(0.0) if v.constant else None)
@@ -72,10 +197,10 @@ def isolated_curve(flat: FlatModel, placed: PlacedLaw) -> tuple[PlacedLaw, LawMo
         if v.name in kept
     )
     equations = tuple(e for e in part.equations if isinstance(e.left, Name) and e.left.name == y)
-    part = FlatModel(placed.law.id, variables, equations, functions=flat.functions)
     units = {v.name: v.unit for v in variables}
     port = replace(placed.port, unit=units[y], units={x: units[x]})
-    return replace(placed, port=port), {(placed.law.kind, placed.law.id): part}
+    alone = FlatModel(placed.law.id, variables, equations, functions=part.functions)
+    return replace(placed, port=port), {key: alone}
 
 
 def with_curve_inputs(flat: FlatModel, placed_laws: Sequence[PlacedLaw]) -> tuple[FlatModel, dict[str, str]]:

@@ -10,7 +10,7 @@ from aero_bayes.files import ScratchFolder
 from aero_bayes.modelica.flat import FlatModel
 from aero_bayes.modelica.rumoca_front import load_flat
 from aero_bayes.structure.balance import CombinationRule, ReplaceableModel
-from aero_bayes.structure.placed_law import PlacedLaw
+from aero_bayes.structure.candidates import PlacedLaw, in_sentence
 
 
 def split_by_replaceable(placed_laws: Iterable[PlacedLaw]) -> tuple[list[PlacedLaw], list[PlacedLaw]]:
@@ -52,12 +52,12 @@ def redeclaring_class(base: str, name: str, placed_laws: Sequence[PlacedLaw]) ->
             modified.setdefault(owner, []).append(f"{component}({', '.join(inner)})")
     arguments = redeclared + modified.pop("", [])
     arguments += [_nested(owner.split("."), items) for owner, items in modified.items()]
-    what = " and ".join(dict.fromkeys(_in_words(placed) for placed in placed_laws))
+    what = " and ".join(dict.fromkeys(in_sentence(placed.law.description) for placed in placed_laws))
     about = f"{base.rpartition('.')[2]} with {what if len(what) <= 100 else 'several effects'}"
     return [
         f'model {name} "{about}"',
         f"  extends {base}(", ",\n".join(f"    {a}" for a in arguments) + ");",
-        *(line for placed in placed_laws for line in _parameters(placed)),
+        *(f"  {line}" for placed in placed_laws for line in placed.declarations()),
         *(f"  {line}" for line in classes),
         f'  annotation (Documentation(info = "<html><p>{base.rpartition(".")[2]} with {what}.</p></html>"));',
         f"end {name};",
@@ -76,14 +76,9 @@ def _place(placed: PlacedLaw) -> ReplaceableModel:
     return placed.port.replaceable
 
 
-def _in_words(placed: PlacedLaw) -> str:
-    about = placed.law.description
-    return about[:1].lower() + about[1:]
-
-
 def _modifiers(placed: PlacedLaw) -> list[str]:
     given = [f"{p.name} = {placed.names[p.name]}" for p in placed.parameters()]
-    return given + [f"{size} = {_real(value)}" for size, value in placed.all_nominals.items()]
+    return given + [f"{size} = {value!r}" for size, value in placed.all_nominals.items()]
 
 
 def _nested(path: Sequence[str], items: Iterable[str]) -> str:
@@ -91,18 +86,6 @@ def _nested(path: Sequence[str], items: Iterable[str]) -> str:
     for owner in reversed(path[:-1]):
         inner = f"{owner}({inner})"
     return inner
-
-
-def _parameters(placed: PlacedLaw) -> list[str]:
-    lines = []
-    for p in placed.parameters():
-        limits = {k: _real(v) for k, v in placed.limits(p).items()}
-        unit = {"unit": f'"{placed.unit(p)}"'} if placed.unit(p) else {}
-        attributes = ", ".join(f"{k} = {v}" for k, v in (unit | limits).items())
-        lines.append(
-            f'  parameter Real {placed.names[p.name]}({attributes}) = {_real(placed.value(p))} "{p.description}";'
-        )
-    return lines
 
 
 def _together(place: ReplaceableModel, name: str, placed_laws: Sequence[PlacedLaw]) -> list[str]:
@@ -135,7 +118,3 @@ def _joined(join: CombinationRule, names: Sequence[str], last: str) -> list[str]
         ends = [first, *(f"{n}.{side}" for n in names for side in (first, end)), end]
         lines += [f"connect({a}, {b});" for a, b in zip(ends[::2], ends[1::2], strict=True)]
     return lines + [f"connect({c}, {n}.{c});" for c in join.shared for n in names]
-
-
-def _real(value: float) -> str:
-    return repr(float(value))

@@ -7,6 +7,7 @@ from dataclasses import replace
 from itertools import combinations
 
 from aero_bayes.modelica.flat import FlatEquation, FlatVariable
+from aero_bayes.modelica.graphs import reachable
 from aero_bayes.modelica.syntax import Call, Expression, Name, Number, names_in, summands, walk
 from aero_bayes.modelica.units import Dimension, dimension_of_unit
 from aero_bayes.structure.aliases import AliasStructure, derived_in, is_derivative
@@ -72,13 +73,9 @@ def is_prescribed(s: AliasStructure, state: str) -> bool:
         return False
     # variables on which the derivative depends within the component
     inner = [names_in(e.left) | names_in(e.right) for e in s.flat.equations if e.component == owner]
-    reached, grown = set(held), True
-    while grown:
-        more = set().union(*(names for names in inner if names & reached)) - reached
-        more = {n for n in more if n in s.variables and not s.variables[n].constant}
-        reached |= more
-        grown = bool(more)
-    return not reached & flows
+    inner = [{n for n in names if n in held or (n in s.variables and not s.variables[n].constant)} for names in inner]
+    reached = reachable(held, lambda name: (n for names in inner if name in names for n in names))
+    return not reached.keys() & flows
 
 
 def _flow_sums(s: AliasStructure) -> Iterator[tuple[int, list[str]]]:

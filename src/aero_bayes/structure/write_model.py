@@ -10,9 +10,9 @@ from pathlib import Path
 from aero_bayes.errors import InputError
 from aero_bayes.files import write_whole
 from aero_bayes.modelica.classes import ClassText, ComponentDeclaration, SourceStatement
-from aero_bayes.modelica.compose import ACTING_SUFFIX, TRUE_SUFFIX, element_names
+from aero_bayes.modelica.compose import ACTING_SUFFIX, TRUE_SUFFIX
 from aero_bayes.modelica.edits import TextEdit, insert_before_connector, text_of, unified_diff
-from aero_bayes.modelica.flat import FlatModel
+from aero_bayes.modelica.flat import FlatModel, element_names
 from aero_bayes.modelica.library import rig_packages
 from aero_bayes.modelica.sources import SourceFile, Sources, modelica_files, read_file, read_modelica_text
 from aero_bayes.modelica.syntax import parse_reference
@@ -20,8 +20,8 @@ from aero_bayes.modelica.tokens import find_outside, split_outside, tokenize, wo
 from aero_bayes.structure.aliases import AliasStructure, alias_structure
 from aero_bayes.structure.balance import DIFFERENCE, Attachment, Port
 from aero_bayes.structure.balance_writer import BalanceWriter, class_of, equation_of
+from aero_bayes.structure.candidates import PlacedLaw
 from aero_bayes.structure.class_with_laws import ClassWithLaws, without_indices
-from aero_bayes.structure.placed_law import PlacedLaw
 from aero_bayes.structure.redeclare import redeclaring_class, split_by_replaceable
 
 

@@ -151,7 +151,6 @@ typedef struct {
     Filter *filter;
     double *filter_mean; /* m x ld: the sensitivities' filters */
     double cost, log_det;
-    int64_t used;
     double *gradient, *hessian; /* ld, ld x ld */
     double *residual, *gain, *decay, *weight;
 } Sink;
@@ -247,7 +246,6 @@ void *own(Problem *, int64_t count, size_t size);
 /* fmu.c */
 int fmu_load(Problem *);
 int fmu_ready(Problem *);
-void fmu_discard(Fmu *);
 int outcome_of(Fmu *, int status);
 int rhs(Run *, double t, const double *x, double *f);
 int set_point(Run *, double t, const double *x);
@@ -258,6 +256,7 @@ int read_nominals(Run *);
 
 /* inputs.c */
 void inputs_prepare(Run *);
+int inputs_pass(Run *, int *kink);
 void inputs_enter(Run *, double t);
 int inputs_apply(Run *, double t);
 
@@ -270,8 +269,6 @@ typedef struct {
 extern const Method rodas5p;
 double rodas_step(Run *, double h, const double *ft);
 void rodas_dense(Run *);
-int lu_factor(double *a, int n, int *pivot, Sparse *factors);
-void lu_solve(const Sparse *factors, const int *pivot, double *b);
 double scaled_norm(const Run *, const double *v, const double *x, const double *x1);
 double first_step(Run *, double limit);
 double first_step_of(double slope, double bend, double limit);

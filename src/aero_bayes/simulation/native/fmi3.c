@@ -129,26 +129,14 @@ int fmi3_bind(Fmu *f)
     if (!t) return 1;
     int bad = 0;
 #define FIND(where, name) bad |= fmu_symbol(f, "fmi3" name, &t->where), f->where = where
+    SAME_NAMES
     FIND(instantiate, "InstantiateModelExchange");
-    FIND(free_instance, "FreeInstance");
-    FIND(enter_initialization, "EnterInitializationMode");
-    FIND(exit_initialization, "ExitInitializationMode");
-    FIND(enter_event, "EnterEventMode");
-    FIND(enter_continuous, "EnterContinuousTimeMode");
-    FIND(reset, "Reset");
-    FIND(terminate, "Terminate");
     FIND(get_real, "GetFloat64");
     FIND(get_integer, "GetInt32");
     FIND(get_boolean, "GetBoolean");
     FIND(set_real, "SetFloat64");
     FIND(new_discrete, "UpdateDiscreteStates");
-    FIND(completed, "CompletedIntegratorStep");
-    FIND(set_time, "SetTime");
-    FIND(set_states, "SetContinuousStates");
     FIND(get_derivatives, "GetContinuousStateDerivatives");
-    FIND(get_indicators, "GetEventIndicators");
-    FIND(get_states, "GetContinuousStates");
-    FIND(get_nominals, "GetNominalsOfContinuousStates");
 #undef FIND
     if (!fmu_symbol(f, "fmi3GetDirectionalDerivative", &t->directional)) f->directional = directional;
     f->environment = t;

@@ -21,7 +21,7 @@ int fmu_load(Problem *p)
 }
 
 /* After a fatal error nothing of the instance may be touched again, not even to free it. */
-void fmu_discard(Fmu *f)
+static void fmu_discard(Fmu *f)
 {
     f->instance = NULL;
     f->used = 0;

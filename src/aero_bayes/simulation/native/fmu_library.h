@@ -79,6 +79,22 @@ static inline int fmu_symbol(Fmu *f, const char *name, void *where)
     return s == NULL;
 }
 
+/* The functions that both versions of FMI call by the same name, each found by FIND(where, name). */
+#define SAME_NAMES \
+    FIND(free_instance, "FreeInstance"); \
+    FIND(enter_initialization, "EnterInitializationMode"); \
+    FIND(exit_initialization, "ExitInitializationMode"); \
+    FIND(enter_event, "EnterEventMode"); \
+    FIND(enter_continuous, "EnterContinuousTimeMode"); \
+    FIND(reset, "Reset"); \
+    FIND(terminate, "Terminate"); \
+    FIND(completed, "CompletedIntegratorStep"); \
+    FIND(set_time, "SetTime"); \
+    FIND(set_states, "SetContinuousStates"); \
+    FIND(get_indicators, "GetEventIndicators"); \
+    FIND(get_states, "GetContinuousStates"); \
+    FIND(get_nominals, "GetNominalsOfContinuousStates");
+
 /* bind.c */
 Fmu *fmu_open(const char *path, int version, char *error, size_t size);
 void fmu_shut(Fmu *);

@@ -49,6 +49,16 @@ void inputs_prepare(Run *r)
     inputs_enter(r, r->t);
 }
 
+/* Passes the breaks up to r->t: do input values jump there, or only their slopes? */
+int inputs_pass(Run *r, int *kink)
+{
+    int jump = 0;
+    *kink = 0;
+    for (; r->next_break < r->n_breaks && r->breaks[r->next_break].time <= r->t + r->resolution; r->next_break++)
+        *(r->breaks[r->next_break].jump ? &jump : kink) = 1;
+    return jump;
+}
+
 /* Value and slope of every signal from time t on. */
 void inputs_enter(Run *r, double t)
 {

@@ -211,13 +211,8 @@ static void finish(Lanes *s, Lane *lane)
 static int cross(Lanes *s, Lane *lane)
 {
     Run *r = lane->run;
-    int jump = 0, kink = 0;
-    while (r->next_break < r->n_breaks && r->breaks[r->next_break].time <= r->t + r->resolution) {
-        if (r->breaks[r->next_break++].jump)
-            jump = 1;
-        else
-            kink = 1;
-    }
+    int kink;
+    const int jump = inputs_pass(r, &kink);
     if (jump || kink) {
         inputs_enter(r, r->t);
         put_inputs(s, lane->at);

@@ -40,7 +40,7 @@ const Method rodas5p = {
 
 /* LU with row exchanges, kept without its zeros: physical models are sparse even when they are small. Returns 1 for a
  * singular matrix. */
-int lu_factor(double *restrict a, int n, int *restrict pivot, Sparse *out)
+static int lu_factor(double *restrict a, int n, int *restrict pivot, Sparse *out)
 {
     out->n = n;
     out->pivoted = 0;
@@ -81,7 +81,7 @@ int lu_factor(double *restrict a, int n, int *restrict pivot, Sparse *out)
     return 0;
 }
 
-void lu_solve(const Sparse *lu, const int *restrict pivot, double *restrict b)
+static void lu_solve(const Sparse *lu, const int *restrict pivot, double *restrict b)
 {
     const int n = lu->n, *restrict start = lu->start, *restrict col = lu->col;
     const double *restrict val = lu->val;

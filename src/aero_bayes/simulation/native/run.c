@@ -73,14 +73,8 @@ static int slope_is_kept(const Run *r)
 /* What happens at the end of a segment: jumps and kinks of inputs, time and state events. */
 static int cross_segment_end(Run *r, Segment *g)
 {
-    int jump = 0, kink = 0, outcome, status;
-    while (r->next_break < r->n_breaks && r->breaks[r->next_break].time <= r->t + r->resolution) {
-        if (r->breaks[r->next_break].jump)
-            jump = 1;
-        else
-            kink = 1;
-        r->next_break++;
-    }
+    int kink, outcome, status;
+    const int jump = inputs_pass(r, &kink);
     const int timed = r->next_event <= r->t + r->resolution;
     const int events = timed || g->event || (jump && !r->fmu->eventless);
     const int shifts = jump && r->sensitive && delay_column(r);

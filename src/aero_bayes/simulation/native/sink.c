@@ -117,7 +117,6 @@ void sink_begin(Run *r, int mode, const double *noise)
     k->mode = r->mode = mode;
     k->filled = k->first = 0;
     k->cost = k->log_det = 0.0;
-    k->used = 0;
     r->sample = 0;
     r->piece = BLOCK;
     if (mode == MODE_TRAJECTORY || filters(r)) return;
@@ -151,7 +150,6 @@ static void flush_output(Run *r, int64_t o)
     const double *seen = used == k->filled ? NULL : measured;
     const int64_t q = r->q;
     double mean = f->mean;
-    k->used += used;
     if (e->spread) { /* what follows sees readings whose noise is equally large */
         const double *spread = e->spread + o * e->n + k->first;
         for (int64_t i = 0; i < k->filled; i++) {
