@@ -31,8 +31,7 @@ from aero_bayes.estimate.noise import NoiseModel
 from aero_bayes.estimate.parameters import Override, parameters_from_model
 from aero_bayes.estimate.priors import LogNormal
 from aero_bayes.estimate.result import Fit
-from aero_bayes.estimate.swarm import SwarmSettings
-from aero_bayes.estimate.swarm import minimise as minimise_by_swarm
+from aero_bayes.estimate.swarm import SwarmSettings, minimise
 from aero_bayes.files import one_run_at_a_time
 from aero_bayes.modelica.compilers import export_fmu
 from aero_bayes.simulation.engines import open_simulator
@@ -132,14 +131,14 @@ class Evaluator:
     def cost(self, points: FloatArray, output: str) -> FloatArray:
         """Compute Eq. 6 of one output for a batch (n, p): shape (n,), infinite where a run failed."""
         k = self.outputs.index(output)
-        errors = self.measured[:, k] - self.simulate(points)[:, :, k]
-        return np.array([np.sum(error**2) if np.isfinite(error).all() else np.inf for error in errors])
+        total = np.sum((self.measured[:, k] - self.simulate(points)[:, :, k]) ** 2, axis=1)
+        return np.where(np.isfinite(total), total, np.inf)
 
 
 def swarm(cost: Cost, start: FloatArray, top: FloatArray, rng: np.random.Generator) -> FloatArray:
     """Search from zero to ``top`` with RaPId's particle swarm; where nothing runs, the start is kept."""
     settings = SwarmSettings(particles=PARTICLES, iterations=ITERATIONS, patience=ITERATIONS, reflect=False)
-    found = minimise_by_swarm(cost, np.zeros(top.size), top, rng, settings)
+    found = minimise(cost, np.zeros(top.size), top, rng, settings)
     return found.best if np.isfinite(found.cost) else start
 
 
