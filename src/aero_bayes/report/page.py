@@ -161,7 +161,7 @@ def _context(run: RunDirectory) -> dict[str, Any]:
         *(head.curves if head else led("errors", findings.errors_table(result))), *opening,
         scene and curves.scene_plate(run, scene),
         Markup('<p class="checks">{}</p>').format(words.checks_line(result)),
-        Markup('<div class="diagnosis">{}</div>').format(findings.checks_table(result, verdict.text) or ""),
+        Markup('<div class="diagnosis">{}</div>').format(findings.checks_table(result, verdict.text)),
     ]  # fmt: skip
     return {
         "title": words.title(result, run.path.name), "legend": (), "simulated": result.simulated,
@@ -187,8 +187,8 @@ def _parameters(result: RunJson) -> list[Part]:
     shown = parameter_table({n: p for n, p in result.parameters.items() if n not in aside})
     return [
         *led("shift", findings.shifts_table(result)), *led("parameters", shown),
-        *with_parts(Parts(folded, [parameter_table(aside, folded) or ""])), _lead(status_words(result.parameters)),
-        findings.listed_values_table(result) or "", *(line for line in known.text if line not in said),
+        *with_parts(Parts(folded, [parameter_table(aside, folded)])), _lead(status_words(result.parameters)),
+        findings.listed_values_table(result), *(line for line in known.text if line not in said),
         f"Not determined by these data: {unknown}." if unknown else "",
     ] if result.parameters else []  # fmt: skip
 
@@ -217,9 +217,10 @@ def _posterior(run: RunDirectory) -> list[Part]:
     seen = {name: draws for name, draws in run.posterior.items() if name not in dull}
     plot = pairs.pair_plate(seen, units) if seen else None
     drawn: list[Part] = [Markup("<h3>Parameters in pairs</h3>"), plot] if plot else []
-    facts = findings.sampler_facts(mcmc) if mcmc else {}
-    table = findings.sampler_table(mcmc) if mcmc else None
-    return led("posterior", facts, *drawn, *with_parts(Parts("Convergence of each parameter", [table or ""])))
+    if mcmc:
+        drawn[:0] = [findings.sampler_facts(mcmc)]
+        drawn += with_parts(Parts("Convergence of each parameter", [findings.sampler_table(mcmc)]))
+    return led("posterior", *drawn)
 
 
 def _details(run: RunDirectory) -> list[Part]:
@@ -234,7 +235,7 @@ def _details(run: RunDirectory) -> list[Part]:
     return [*with_parts(
         *(_loop(result, result.loop) if result.loop else ()),
         Parts("Priors, bounds and combinations of parameters", [
-            prior_table(result.parameters) or "",
+            prior_table(result.parameters),
             Markup("<h3>Combinations that the data determine</h3>") if determined else "", *determined,
             *led("profiles", fit_figures.profile_plates(run)),
             f"Not profiled, because the time limit was reached: {untried}." if untried else "",
@@ -242,7 +243,7 @@ def _details(run: RunDirectory) -> list[Part]:
         *residuals,
         Parts("Noise and sensors", [
             *led("noise", findings.noise_model_table(result)),
-            *led("process_noise", findings.process_noise_table(result)), findings.sensor_table(result) or "",
+            *led("process_noise", findings.process_noise_table(result)), findings.sensor_table(result),
         ]),
         Parts("Prediction of what was left out", led("prediction", left_out, note) if left_out else []),
         Parts("Diagram of the model", [drawn for one in result.diagrams if (drawn := diagram_plate(one))]),

@@ -48,9 +48,11 @@ class Column:
 def html_table(
     columns: Sequence[Column | str], rows: Sequence[Sequence[object]], caption: str = "", marked: Sequence[int] = ()
 ) -> Markup:
-    """Return a table that scrolls sideways on a narrow screen, every cell escaped unless it is Markup.
+    """Return a table that scrolls sideways on a narrow screen; nothing without rows.
 
-    Columns of numbers go to the right."""
+    Every cell is escaped unless it is Markup; columns of numbers go to the right."""
+    if not rows:
+        return Markup("")
     cells = [[row[k] for row in rows] for k in range(len(columns))]
     heads = [
         column if isinstance(column, Column) else Column(column, "right" if _numeric(own) else "left")
@@ -85,7 +87,7 @@ def _numeric(cells: Sequence[object]) -> bool:
     return all(_NUMBER.match(text) for text in texts if text.strip()) and any(text.strip() for text in texts)
 
 
-def parameter_table(parameters: Mapping[str, ParameterJson], caption: str = "Estimates") -> Markup | None:
+def parameter_table(parameters: Mapping[str, ParameterJson], caption: str = "Estimates") -> Markup:
     """Write value, 90 % interval, unit and status of every parameter.
 
     What was fixed, ended on a bound, or is not determined by the data never shows an interval."""
@@ -103,10 +105,10 @@ def parameter_table(parameters: Mapping[str, ParameterJson], caption: str = "Est
     columns += ["status", ""]
     if not any(row[-1] for row in rows):
         columns, rows = columns[:-1], [row[:-1] for row in rows]
-    return html_table(columns, rows, caption) if rows else None
+    return html_table(columns, rows, caption)
 
 
-def prior_table(parameters: Mapping[str, ParameterJson]) -> Markup | None:
+def prior_table(parameters: Mapping[str, ParameterJson]) -> Markup:
     """Write prior, start and bounds of every parameter that was fitted; None where there is none."""
     rows = []
     for name, stated in parameters.items():
@@ -116,7 +118,7 @@ def prior_table(parameters: Mapping[str, ParameterJson]) -> Markup | None:
         numbers = (significant(x) for x in (stated.start, stated.lower, stated.upper))
         rows.append((symbol(name), *numbers, pretty_unit(stated.unit), known))
     columns = ("parameter", "start", "lowest", "highest", "unit", "prior")
-    return html_table(columns, rows, "Priors, starts and bounds") if rows else None
+    return html_table(columns, rows, "Priors, starts and bounds")
 
 
 def parameter_quantity(stated: QuantilesJson) -> tuple[RoundedValue, bool]:
