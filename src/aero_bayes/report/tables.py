@@ -143,7 +143,7 @@ def status_words(parameters: Mapping[str, ParameterJson]) -> Markup:
     """Say what each of the statuses that parameters have means."""
     found = {entry.status for entry in parameters.values()}
     meant = (Markup("<strong>{}</strong>: {}").format(s, _STATUS_WORDS[s]) for s in _RANKS if s in found)
-    return Markup("; ").join(meant) + "."
+    return Markup('<p class="lead">{}.</p>').format(Markup("; ").join(meant)) if found - {None} else Markup("")
 
 
 def ratio_glyph(before: float | None, after: float | None) -> Markup:
