@@ -14,7 +14,6 @@ from aero_bayes.report.schema_estimate import ParameterJson, QuantilesJson
 from aero_bayes.report.text import (
     NO_VALUE,
     RoundedValue,
-    key_label,
     pretty_unit,
     rounded_value,
     sentence,
@@ -148,24 +147,21 @@ def status_words(parameters: Mapping[str, ParameterJson]) -> Markup:
 
 def ratio_glyph(before: float | None, after: float | None) -> Markup:
     """Draw errors before (ring) and after (dot) in multiples of the noise floor (line at 1), on a logarithmic axis."""
-    known = [ratio for ratio in (before, after) if ratio is not None and ratio > 0]
+    known = {label: ratio for label, ratio in (("before", before), ("after", after)) if ratio is not None and ratio > 0}
     if not known:
         return Markup("")
-    least, most = min(0.8, *known), max(4.0, *known)
+    least, most = min(0.8, *known.values()), max(4.0, *known.values())
 
     def at(ratio: float) -> float:
         return 8 + 124 * math.log(ratio / least) / math.log(most / least)
 
     marks = Markup("")
-    if before and after:
-        marks += Markup('<line class="way" x1="{:.1f}" x2="{:.1f}" y1="8" y2="8"/>').format(at(before), at(after))
-    if before:
-        marks += Markup('<circle class="before" cx="{:.1f}" cy="8" r="4.5"/>').format(at(before))
-    if after:
-        marks += Markup('<circle class="after" cx="{:.1f}" cy="8" r="4.5"/>').format(at(after))
-    words = "error in multiples of the noise floor: " + ", ".join(
-        f"{label} {significant(ratio)}" for label, ratio in (("before", before), ("after", after)) if ratio
-    )
+    if len(known) == 2:
+        marks += Markup('<line class="way" x1="{:.1f}" x2="{:.1f}" y1="8" y2="8"/>').format(*map(at, known.values()))
+    for label, ratio in known.items():
+        marks += Markup('<circle class="{}" cx="{:.1f}" cy="8" r="4.5"/>').format(label, at(ratio))
+    told = ", ".join(f"{label} {significant(ratio)}" for label, ratio in known.items())
+    words = f"error in multiples of the noise floor: {told}"
     return Markup(
         '<svg class="glyph" viewBox="0 0 140 16" role="img" aria-label="{}">'
         '<line class="floor" x1="{:.1f}" x2="{:.1f}" y1="0" y2="16"/>{}</svg>'
@@ -201,15 +197,12 @@ def bar(share: float, words: str) -> Markup:
     ).format(words, 140 * min(1.0, max(0.0, share)))
 
 
-def generic_cell(value: object, digits: int = 4) -> object:
-    """Write whatever a run stated as a cell: numbers rounded, mappings and lists spelt out."""
+def generic_cell(value: object) -> object:
+    """Write whatever a run stated as a cell: numbers rounded, lists spelt out."""
     if isinstance(value, bool):
         return "yes" if value else "no"
     if isinstance(value, int | float):
-        return tidy(float(value), digits) if math.isfinite(value) else NO_VALUE
-    if isinstance(value, Mapping):
-        pairs = (Markup("{} {}").format(key_label(key), generic_cell(item, digits)) for key, item in value.items())
-        return Markup(", ").join(pairs)
+        return tidy(float(value)) if math.isfinite(value) else NO_VALUE
     if isinstance(value, list | tuple):
         return Markup(", ").join(escape(str(generic_cell(item))) for item in value)
     return NO_VALUE if value is None else sentence(value)
