@@ -52,11 +52,11 @@ def html_table(
     Every cell is escaped unless it is Markup; columns of numbers go to the right."""
     if not rows:
         return Markup("")
-    cells = [[row[k] for row in rows] for k in range(len(columns))]
     heads = [
-        column if isinstance(column, Column) else Column(column, "right" if _numeric(own) else "left")
-        for column, own in zip(columns, cells, strict=True)
-    ]
+        column if isinstance(column, Column) else
+        Column(column, "right" if k and _numeric([row[k] for row in rows]) else "left")
+        for k, column in enumerate(columns)
+    ]  # fmt: skip
     head = Markup("").join(
         Markup('<th scope="col" class="{}">{}</th>').format(c.align, c.title) if c.title else Markup("<td></td>")
         for c in heads
