@@ -20,7 +20,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from aero_bayes.estimate.cost import eq6
 from matplotlib.figure import Figure
 from scipy.optimize import Bounds, minimize
 
@@ -32,7 +31,7 @@ from aero_bayes.estimate.noise import NoiseModel
 from aero_bayes.estimate.parameters import Override, parameters_from_model
 from aero_bayes.estimate.priors import LogNormal
 from aero_bayes.estimate.result import Fit
-from aero_bayes.estimate.swarm import Swarm, SwarmSettings
+from aero_bayes.estimate.swarm import SwarmSettings, minimise
 from aero_bayes.files import one_run_at_a_time
 from aero_bayes.modelica.compilers import export_fmu
 from aero_bayes.simulation.engines import open_simulator
@@ -132,16 +131,15 @@ class Evaluator:
     def cost(self, points: FloatArray, output: str) -> FloatArray:
         """Compute Eq. 6 of one output for a batch (n, p): shape (n,), infinite where a run failed."""
         k = self.outputs.index(output)
-        errors = self.measured[:, k] - self.simulate(points)[:, :, k]
-        return np.array([eq6([error[:, None]]) if np.isfinite(error).all() else np.inf for error in errors])
+        total = np.sum((self.measured[:, k] - self.simulate(points)[:, :, k]) ** 2, axis=1)
+        return np.where(np.isfinite(total), total, np.inf)
 
 
 def swarm(cost: Cost, start: FloatArray, top: FloatArray, rng: np.random.Generator) -> FloatArray:
     """Search from zero to ``top`` with RaPId's particle swarm; where nothing runs, the start is kept."""
-    found = Swarm(np.zeros(top.size), top, rng, SwarmSettings(particles=PARTICLES, reflect=False))
-    for _ in range(ITERATIONS):
-        found.tell(cost(found.ask()))
-    return found.own[found.best] if np.isfinite(found.own_cost[found.best]) else start
+    settings = SwarmSettings(particles=PARTICLES, iterations=ITERATIONS, patience=ITERATIONS, reflect=False)
+    found = minimise(cost, np.zeros(top.size), top, rng, settings)
+    return found.best if np.isfinite(found.cost) else start
 
 
 def coarse_search(cost: Cost, start: FloatArray, top: FloatArray) -> FloatArray:

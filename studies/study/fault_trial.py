@@ -83,15 +83,11 @@ def with_fault(trial: RigTrial, fault: str, rng: Generator) -> Faulty | None:
 
     ``rng`` draws where and how large.
     """
-    right = Faulty(trial.train)
     if fault == "solver":
-        return replace(right, tolerance=exp(rng.uniform(*np.log(TOLERANCES))))
-    if fault == "gap":
-        cut = _with_gap(trial.train, rng)
-        return replace(right, recording=cut) if cut is not None else None
-    if fault in ("sign", "swapped"):
-        channels = _other_channels(trial.train, fault, rng)
-        return replace(right, recording=channels) if channels is not None else None
+        return Faulty(trial.train, tolerance=exp(rng.uniform(*np.log(TOLERANCES))))
+    if fault in ("gap", "sign", "swapped"):
+        changed = _with_gap(trial.train, rng) if fault == "gap" else _other_channels(trial.train, fault, rng)
+        return None if changed is None else Faulty(changed)
     names = list(trial.train.outputs)
     if fault == "unlike":
         factor = exp(rng.uniform(*np.log(UNLIKE)))

@@ -21,6 +21,8 @@ from simulated_rigs.sensors import white
 
 #: Few parameters, few steps: pages want a run of every shape, not a good one.
 CONFIG = """
+[model]
+name = "Aero.Systems.OneDof"
 [fit]
 method = "local"
 [fit.local]

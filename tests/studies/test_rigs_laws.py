@@ -197,10 +197,8 @@ def test_rates_of_change_by_textbook_formulas() -> None:
 @pytest.mark.parametrize("name", [name for name, kind in KINDS.items() if kind.linear])
 def test_two_ways_of_integrating_a_linear_rig_agree(name: str) -> None:
     kind = KINDS[name]
-    commands, start = (
-        steps(kind, 400),
-        [r + s for r, s in zip(kind.rest(kind.parameters), (b.shake for b in kind.states.values()), strict=True)],
-    )
+    commands, rest = steps(kind, 400), kind.rest(kind.parameters)
+    start = [level + state.shake for level, state in zip(rest, kind.states.values(), strict=True)]
     exact, _ = run_linear(kind.plant(kind.parameters), kind.step, commands, start)
     stepped, _ = Assembly(kind, kind.parameters).run(times(kind, 400), commands, start)
     assert (np.abs(stepped - exact).max(axis=0) < 1e-6 * np.ptp(exact, axis=0)).all()
