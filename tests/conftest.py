@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from numpy.random import Generator
 
+from aero_bayes.modelica.compilers import export_fmu
 from aero_bayes.simulation.model import Model
 from aero_bayes.structure.compose import LawModels, law_models
 from aero_bayes.structure.law import Law, shipped_laws
@@ -61,3 +62,19 @@ def modelica(tmp_path: Path) -> Callable[..., Path]:
         return path
 
     return write
+
+
+@pytest.fixture(scope="session")
+def exported(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Model]:
+    """``exported(source)`` loads the model that a Modelica text defines, built once."""
+    built: dict[str, Model] = {}
+
+    def load(source: str) -> Model:
+        if source not in built:
+            name = source.split()[1]
+            path = tmp_path_factory.mktemp(name) / f"{name}.mo"
+            path.write_text(source)
+            built[source] = Model.load(export_fmu(name, path.with_suffix(".fmu"), sources=[path]))
+        return built[source]
+
+    return load

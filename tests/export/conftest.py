@@ -4,6 +4,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from fmpy.validation import validate_fmu
 from written_effects import write_effects
 
 from aero_bayes.modelica.compilers import export_fmu
@@ -33,3 +34,16 @@ def screening_fmu(tmp_path_factory: pytest.TempPathFactory) -> Path:
     every: dict[str, dict[str, float]] = {id_: {} for id_ in declaration_of(BASE).effects}
     model = write_effects(BASE, every, folder, "OneDof_screening")
     return export_fmu(model.name, folder / "screening.fmu", compiler="embedded", sources=[model.path])
+
+
+@pytest.fixture
+def exported(modelica: Callable[..., Path]) -> Callable[..., Path]:
+    """Writes a Modelica file, exports it, and returns the FMU, which FMPy finds valid."""
+
+    def build(text: str, name: str = "") -> Path:
+        source = modelica(text, name)
+        path = export_fmu(source.stem, source.with_suffix(".fmu"), compiler="embedded", sources=[source])
+        assert validate_fmu(str(path)) == []
+        return path
+
+    return build

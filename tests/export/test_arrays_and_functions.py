@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from math import exp
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,8 +10,6 @@ from export_driver import driven
 
 from aero_bayes.errors import InputError
 from aero_bayes.modelica.compilers import export_fmu
-
-Write = Callable[..., Path]
 
 SOURCE = """within ;
 package Shapes
@@ -92,7 +88,7 @@ end Shapes;
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
-def test_a_chain_of_arrays_records_and_functions(sign: float, modelica: Write, tmp_path: Path) -> None:
+def test_a_chain_of_arrays_records_and_functions(sign, modelica, tmp_path):
     path = export_fmu("Shapes.Chain", tmp_path / "c.fmu", compiler="embedded", sources=[modelica(SOURCE)])
     x = sign * np.array([0.7, -0.4, 1.3, 0.2, -1.1, 0.5])
     k = np.arange(1.0, 7.0)
@@ -118,9 +114,9 @@ def test_a_chain_of_arrays_records_and_functions(sign: float, modelica: Write, t
         assert fmu.get("fourth")[0] == pytest.approx(x.max() + 6 + (np.arange(1, 7) ** 2 * x).sum())
 
 
-def test_two_flywheels_behind_a_rigid_gear_have_one_speed(modelica: Write, tmp_path: Path) -> None:
+def test_two_flywheels_behind_a_rigid_gear_have_one_speed(exported):
     # index three: three equations tie angles, speeds and accelerations; closed form of the reduced model
-    source = modelica("""within ;
+    path = exported("""within ;
 model Geared
   parameter Real r = 3, J_1 = 0.1, J_2 = 0.5, d = 0.2;
   Real phi_1(start = 0, fixed = true), w_1(start = 6, fixed = true), a_1, tau_1;
@@ -138,7 +134,6 @@ equation
   y = phi_2;
 end Geared;
 """)
-    path = export_fmu("Geared", tmp_path / "g.fmu", compiler="embedded", sources=[source])
     with driven(path) as fmu:
         assert len(fmu.states) == 2
         fmu.begin()
@@ -161,7 +156,7 @@ REFUSED = [
 
 
 @pytest.mark.parametrize(("lines", "message"), REFUSED)
-def test_what_is_not_translated_is_one_line(lines: str, message: str, modelica: Write, tmp_path: Path) -> None:
+def test_what_is_not_translated_is_one_line(lines, message, modelica, tmp_path):
     head = f"within ;\nmodel Bad\n  Real x(start = {exp(-1)}, fixed = true);\n  Real y, z;\nequation\n  der(x) = -x;\n"
     text = f"{head}{lines}end Bad;\n"
     with pytest.raises(InputError, match=message) as caught:

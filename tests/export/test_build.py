@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import zipfile
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,13 +11,13 @@ from aero_bayes.errors import InputError
 from aero_bayes.modelica.build import c_compiler, write_archive
 from aero_bayes.modelica.compilers import export_fmu
 from aero_bayes.modelica.library import modelica_root
-from aero_bayes.modelica.source_check import refuse_dropped
+from aero_bayes.modelica.rumoca_front import refuse_dropped
 from aero_bayes.modelica.units import base_units, conversion, to_modelica_unit
 
 pytestmark = pytest.mark.fast
 
 
-def test_no_compiler_says_what_to_install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_no_compiler_says_what_to_install(tmp_path, monkeypatch):
     monkeypatch.setenv("PATH", str(tmp_path))
     monkeypatch.delenv("CC", raising=False)
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
@@ -26,7 +25,7 @@ def test_no_compiler_says_what_to_install(tmp_path: Path, monkeypatch: pytest.Mo
         c_compiler()
 
 
-def test_the_compiler_named_by_the_environment_comes_first(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_compiler_named_by_the_environment_comes_first(monkeypatch):
     monkeypatch.setenv("CC", "sh -x")
     assert c_compiler() == ["sh", "-x"]
     monkeypatch.setenv("CC", "no-such-compiler")
@@ -34,14 +33,14 @@ def test_the_compiler_named_by_the_environment_comes_first(monkeypatch: pytest.M
         c_compiler()
 
 
-def test_a_failing_compiler_leaves_nothing_behind(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_failing_compiler_leaves_nothing_behind(tmp_path, monkeypatch):
     monkeypatch.setenv("CC", "false")
     with pytest.raises(InputError, match="compiler 'false' failed"):
         export_fmu("Aero.Systems.HalfQuad", tmp_path / "x.fmu", compiler="embedded")
     assert list(tmp_path.iterdir()) == []
 
 
-def test_an_archive_appears_whole_or_not_at_all(tmp_path: Path) -> None:
+def test_an_archive_appears_whole_or_not_at_all(tmp_path):
     out = tmp_path / "a.zip"
     write_archive(out, {"b": b"1", "modelDescription.xml": b"2"})
     before = out.read_bytes()
@@ -53,7 +52,7 @@ def test_an_archive_appears_whole_or_not_at_all(tmp_path: Path) -> None:
         assert archive.namelist()[0] == "modelDescription.xml"
 
 
-def test_every_folder_of_the_package_lists_its_classes() -> None:
+def test_every_folder_of_the_package_lists_its_classes():
     root = modelica_root() / "Aero"
     folders = [root, *(p for p in root.iterdir() if p.is_dir())]
     for folder in folders:
@@ -64,12 +63,12 @@ def test_every_folder_of_the_package_lists_its_classes() -> None:
         assert len(listed) == len(set(listed))
 
 
-def test_the_package_has_nothing_that_the_front_end_drops() -> None:
+def test_the_package_has_nothing_that_the_front_end_drops():
     root = modelica_root()
     refuse_dropped(root, (root / "Aero").rglob("*.mo"))
 
 
-def test_every_class_is_documented_and_drawn() -> None:
+def test_every_class_is_documented_and_drawn():
     for path in sorted((modelica_root() / "Aero").rglob("*.mo")):
         text = path.read_text(encoding="utf-8")
         assert "Documentation(info" in text, path
@@ -90,7 +89,7 @@ def test_every_class_is_documented_and_drawn() -> None:
         ("1", 1.0, {}),
     ],
 )
-def test_base_units(unit: str, factor: float, exponents: dict[str, int]) -> None:
+def test_base_units(unit, factor, exponents):
     found = base_units(unit)
     assert found is not None
     assert found[0] == pytest.approx(factor)
@@ -98,7 +97,7 @@ def test_base_units(unit: str, factor: float, exponents: dict[str, int]) -> None
 
 
 @pytest.mark.parametrize("unit", ["furlong", "m//s", "", "m^2"])
-def test_unknown_units_are_not_guessed(unit: str) -> None:
+def test_unknown_units_are_not_guessed(unit):
     assert base_units(unit) is None
 
 
@@ -110,7 +109,7 @@ def test_unknown_units_are_not_guessed(unit: str) -> None:
         ("(m.s)/(kg)", "(m.s)/(kg)"), ("°C", "degC"), ("%", "%"), ("V^0.5", ""), ("1/sqrt(Hz)", ""), ("m)", ""),
     ],
 )  # fmt: skip
-def test_units_as_they_are_written_by_hand(by_hand: str, unit: str) -> None:
+def test_units_as_they_are_written_by_hand(by_hand, unit):
     assert to_modelica_unit(by_hand) == unit
     assert to_modelica_unit(unit) == unit
 
@@ -124,7 +123,7 @@ def test_units_as_they_are_written_by_hand(by_hand: str, unit: str) -> None:
         ("mAh", "C", 500.0, 1800.0), ("psi", "bar", 100.0, 6.894757), ("furlong", "furlong", 3.0, 3.0),
     ],
 )  # fmt: skip
-def test_numbers_go_from_unit_to_unit(unit: str, to: str, number: float, expected: float) -> None:
+def test_numbers_go_from_unit_to_unit(unit, to, number, expected):
     found = conversion(unit, to)
     assert found is not None
     assert number * found[0] + found[1] == pytest.approx(expected)
@@ -141,9 +140,7 @@ def test_numbers_go_from_unit_to_unit(unit: str, to: str, number: float, expecte
         ('extends B(text = "redeclare model C = D(k = 1)");', ""),
     ],
 )  # fmt: skip
-def test_what_the_compiler_would_drop_is_refused_with_its_line(
-    body: str, message: str, modelica, tmp_path: Path
-) -> None:
+def test_what_the_compiler_would_drop_is_refused_with_its_line(body, message, modelica, tmp_path):
     file = modelica(f"model A\n  {body}\nend A;\n")
     if message:
         with pytest.raises(InputError, match=r"A\.mo:[23]: .*" + message):

@@ -27,18 +27,18 @@ class Compiler:
         return bytes([self.calls])
 
 
-def test_same_ingredients_are_compiled_once() -> None:
+def test_same_ingredients_are_compiled_once():
     compiler = Compiler()
     assert [make_once("a.so", (b"x", b"y"), compiler) for _ in range(3)] == [b"\x01"] * 3
     assert compiler.calls == 1
 
 
-def test_ingredients_are_kept_apart() -> None:
+def test_ingredients_are_kept_apart():
     compiler = Compiler()
     assert make_once("a.so", (b"xy", b""), compiler) != make_once("a.so", (b"x", b"y"), compiler)
 
 
-def test_a_failure_is_not_kept() -> None:
+def test_a_failure_is_not_kept():
     def fail() -> bytes:
         raise ValueError
 
@@ -47,12 +47,12 @@ def test_a_failure_is_not_kept() -> None:
     assert make_once("a.so", (b"x",), Compiler()) == b"\x01"
 
 
-def test_a_cache_that_cannot_be_written_does_no_harm(cache: Path) -> None:
+def test_a_cache_that_cannot_be_written_does_no_harm(cache):
     (cache / "aero-bayes").write_text("a file where the folder should be")
     assert make_once("a.so", (b"x",), Compiler()) == b"\x01"
 
 
-def test_the_oldest_are_removed(cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_oldest_are_removed(cache, monkeypatch):
     monkeypatch.setattr(files, "MAX_BYTES", 10_000)
     for k in range(20):
         make_once("a.so", (bytes([k]),), lambda: bytes(1000))

@@ -59,7 +59,7 @@ def law(modelica: Write) -> FlatModel:
     return load_flat("Coulomb", [modelica(LAW)])
 
 
-def test_the_flat_model_says_where_everything_comes_from(base: FlatModel) -> None:
+def test_the_flat_model_says_where_everything_comes_from(base):
     resistance = base.variable("R_a")
     assert (resistance.unit, resistance.variability, resistance.place and resistance.place.file) == (
         "Ohm", "parameter", "Aero/Systems/Bench.mo",
@@ -81,7 +81,7 @@ def test_the_flat_model_says_where_everything_comes_from(base: FlatModel) -> Non
     assert {"arm_1.flange.tau", "body.flange.tau", "bodyEffect.flange.tau", "arm_2.flange.tau"} == names_in(shared.left)
 
 
-def test_a_law_put_at_a_balance_acts_as_its_formula(base: FlatModel, law: FlatModel, tmp_path: Path) -> None:
+def test_a_law_put_at_a_balance_acts_as_its_formula(base, law, tmp_path):
     wider = instantiate(replace(base, name="Wider"), law, "friction")
     wider = equate(wider, "friction.v", Name("body.omega"))
     flow = next(
@@ -105,7 +105,7 @@ def test_a_law_put_at_a_balance_acts_as_its_formula(base: FlatModel, law: FlatMo
             assert found[name] == pytest.approx(rate, rel=1e-12), name
 
 
-def test_uses_of_an_input_pass_through_a_law(base: FlatModel, tmp_path: Path) -> None:
+def test_uses_of_an_input_pass_through_a_law(base, tmp_path):
     flat = add_parameter(
         replace(base, name="Gained"), "gain", 0.5, "1", min=0.0, max=Call("*", (Number(2.0), Name("R_a")))
     )
@@ -131,7 +131,7 @@ def test_uses_of_an_input_pass_through_a_law(base: FlatModel, tmp_path: Path) ->
             assert rate == pytest.approx(rates[names.get(name, name)], rel=1e-12), name
 
 
-def test_attributes_are_evaluated_over_parameters(law: FlatModel) -> None:
+def test_attributes_are_evaluated_over_parameters(law):
     assert attribute_value(law, "F_c", "max") == 20.0
     assert attribute_value(law, "F_c", "max", {"f_n": 0.5}) == 5.0
     assert attribute_value(law, "F_c", "nominal", {"f_n": 0.5}) == pytest.approx(0.05)
@@ -141,7 +141,7 @@ def test_attributes_are_evaluated_over_parameters(law: FlatModel) -> None:
     assert attribute_value(law, "table[3]", "value") == 4.0
 
 
-def test_what_does_not_fit_is_refused(base: FlatModel, law: FlatModel) -> None:
+def test_what_does_not_fit_is_refused(base, law):
     wider = instantiate(base, law, "friction")
     with pytest.raises(InputError, match=facts("friction")):
         instantiate(wider, law, "friction")

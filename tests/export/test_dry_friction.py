@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 from export_driver import driven
 from fmpy.validation import validate_fmu
-from numpy.random import Generator
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
@@ -104,7 +103,7 @@ def free_decay(time: FloatArray, amplitude: float) -> FloatArray:
 
 @KINDS
 @FRICTIONS
-def test_free_decay(kind: str, friction: str, modelica: Write) -> None:
+def test_free_decay(kind, friction, modelica):
     path = sledge(modelica, friction)
     assert validate_fmu(str(path)) == []
     found = fmpy.simulate_fmu(
@@ -119,7 +118,7 @@ def test_free_decay(kind: str, friction: str, modelica: Write) -> None:
 
 
 @FRICTIONS
-def test_pulled_and_resting_in_turns(friction: str, modelica: Write) -> None:
+def test_pulled_and_resting_in_turns(friction, modelica):
     """The native engine and its sensitivities against phases in closed form."""
     time, force = pulls()
     model = Model.load(sledge(modelica, friction))
@@ -142,7 +141,7 @@ def test_pulled_and_resting_in_turns(friction: str, modelica: Write) -> None:
         np.testing.assert_allclose(found.sensitivities[0][0, :, 0, column], slope, atol=1e-3 * np.max(np.abs(slope)))
 
 
-def test_one_master_that_holds_the_force(modelica: Write) -> None:
+def test_one_master_that_holds_the_force(modelica):
     time, force = pulls()
     signal = np.array(list(zip(time, force, strict=True)), dtype=[("time", float), ("F", float)])
     path = sledge(modelica, start=0.0)
@@ -168,7 +167,7 @@ end Two;
 
 
 @KINDS
-def test_two_surfaces_at_once(kind: str, modelica: Write) -> None:
+def test_two_surfaces_at_once(kind, modelica):
     """At F = 1 both rest, at 2 both move as one (0.8 / 3 < 0.5), at 5 the block slips; then all comes to rest."""
     source = modelica(TWO)
     path = export_fmu("Two", source.with_suffix(".fmu"), compiler="embedded", sources=[source])
@@ -213,7 +212,7 @@ end Control;
 """
 
 
-def test_a_curved_surface_and_its_derivatives(modelica: Write) -> None:
+def test_a_curved_surface_and_its_derivatives(modelica):
     source = modelica(CONTROL)
     path = export_fmu("Control", source.with_suffix(".fmu"), compiler="embedded", sources=[source])
     time = np.linspace(0.0, 3.0, 61)
@@ -254,7 +253,7 @@ def test_a_curved_surface_and_its_derivatives(modelica: Write) -> None:
         np.testing.assert_allclose(fmu.slope([*fmu.rates, "u"], "c"), (values[0] - values[1]) / 2e-6, atol=1e-7)
 
 
-def test_turns_are_counted_once(modelica: Write) -> None:
+def test_turns_are_counted_once(modelica):
     """A when clause on the same relation fires at each turn, not at each trial of a side."""
     source = modelica(f"""model Counted
   output Real s(start = 0.1, fixed = true);
@@ -287,7 +286,7 @@ end Counted;
         ("der(v) = -c * sign(v) - sign(v - x)", 2),
     ],
 )
-def test_only_what_can_slide_is_watched(equation: str, surfaces: int, modelica: Write) -> None:
+def test_only_what_can_slide_is_watched(equation, surfaces, modelica):
     source = modelica(
         "model Watched\n  parameter Real c = 1;\n  Real x(start = 1), v(start = 1);\nequation\n  der(x) = v;\n"
         f"  {equation};\nend Watched;\n",
@@ -298,7 +297,7 @@ def test_only_what_can_slide_is_watched(equation: str, surfaces: int, modelica: 
 
 
 @pytest.mark.parametrize("friction", [SIGN, BRANCH])
-def test_friction_and_stiffness_of_a_short_recording(friction: str, modelica: Write, rng: Generator) -> None:
+def test_friction_and_stiffness_of_a_short_recording(friction, modelica, rng):
     time, force = pulls()
     force[:3] = 0.0  # at rest before it begins
     readings = stick_slip(time, force, K, F_C) + rng.normal(0.0, 2e-4, time.size)
@@ -315,7 +314,7 @@ SHARED = Path(__file__).resolve().parents[3] / "shared" / "cases" / "09_sign_fri
 
 @pytest.mark.skipif(not SHARED.exists(), reason="the case is not on this machine")
 @pytest.mark.parametrize("name", ["Sledge", "SledgeIf"])
-def test_a_recording_that_rests_in_places(name: str) -> None:
+def test_a_recording_that_rests_in_places(name):
     recording = aero_bayes.read_recording(SHARED / "run.csv", layout=Layout.of(["F"], ["s"]))
     model = aero_bayes.load_model(name, sources=[SHARED / f"{name}.mo"])
     found = aero_bayes.fit(recording, model, parameters=["k", "F_c"])

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from math import cos, sqrt, tanh
-from pathlib import Path
 
 import fmpy
 import numpy as np
@@ -93,11 +91,11 @@ def with_effects(x: dict[str, float], v: float, on: dict[str, float]) -> tuple[d
     return rates, outputs
 
 
-def test_the_screening_model_is_a_valid_fmu(screening_fmu: Path) -> None:
+def test_the_screening_model_is_a_valid_fmu(screening_fmu):
     assert validate_fmu(str(screening_fmu)) == []
 
 
-def test_every_effect_has_its_parameters_at_the_top_level(screening_fmu: Path) -> None:
+def test_every_effect_has_its_parameters_at_the_top_level(screening_fmu):
     with driven(screening_fmu) as fmu:
         for effect in EFFECTS:
             assert fmu.starts[effect.law.magnitude.name] == 0.0
@@ -109,7 +107,7 @@ def test_every_effect_has_its_parameters_at_the_top_level(screening_fmu: Path) -
         assert set(ON) == {e.law.magnitude.name for e in EFFECTS}
 
 
-def test_switched_off_all_together_they_change_nothing(screening_fmu: Path, aero_fmu: Callable[[str], Path]) -> None:
+def test_switched_off_all_together_they_change_nothing(screening_fmu, aero_fmu):
     rng = np.random.default_rng(3)
     with driven(screening_fmu) as fmu, driven(aero_fmu("OneDof")) as base:
         fmu.begin()
@@ -135,7 +133,7 @@ CASES = [{n: v} for n, v in ON.items()] + [
 
 
 @pytest.mark.parametrize("on", CASES, ids=lambda c: "_".join(c) if len(c) < 4 else "all")
-def test_an_effect_follows_its_formula(screening_fmu: Path, on: dict[str, float]) -> None:
+def test_an_effect_follows_its_formula(screening_fmu, on):
     rng = np.random.default_rng(4)
     with driven(screening_fmu) as fmu:
         fmu.begin()
@@ -155,7 +153,7 @@ def test_an_effect_follows_its_formula(screening_fmu: Path, on: dict[str, float]
         assert changed
 
 
-def test_derivatives_by_the_effects_parameters(screening_fmu: Path) -> None:
+def test_derivatives_by_the_effects_parameters(screening_fmu):
     rng = np.random.default_rng(5)
     with driven(screening_fmu) as fmu:
         fmu.begin()
@@ -175,7 +173,7 @@ def test_derivatives_by_the_effects_parameters(screening_fmu: Path) -> None:
             np.testing.assert_allclose(fmu.slope(unknown, name), expected, rtol=1e-5, atol=tolerance)
 
 
-def test_a_delay_delays_and_a_lag_lags(screening_fmu: Path) -> None:
+def test_a_delay_delays_and_a_lag_lags(screening_fmu):
     # a slow sine of the voltage: the readings with and without, shifted by hand
     time = np.arange(0, 12.0, 0.01)
     signal = np.zeros(len(time), dtype=[("time", "f8"), ("V_m", "f8")])

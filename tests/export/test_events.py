@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from math import exp, log, sqrt
 from pathlib import Path
 
@@ -10,7 +9,6 @@ import fmpy
 import numpy as np
 import pytest
 from export_driver import driven
-from fmpy.validation import validate_fmu
 from numpy.typing import NDArray
 
 from aero_bayes.modelica.compilers import export_fmu
@@ -18,7 +16,6 @@ from aero_bayes.simulation.interface import Experiment, InputSignal, Outcome, Pa
 from aero_bayes.simulation.model import Model
 from aero_bayes.simulation.native_simulator import NativeSimulator
 
-Write = Callable[..., Path]
 KINDS = pytest.mark.parametrize("kind", ["ModelExchange", "CoSimulation"])
 
 
@@ -40,8 +37,8 @@ def simulated(
 
 
 @KINDS
-def test_bouncing_ball(kind: str, modelica: Write, tmp_path: Path) -> None:
-    source = modelica("""within ;
+def test_bouncing_ball(kind, exported):
+    path = exported("""within ;
 model Ball
   parameter Real e = 0.8;
   output Real h(start = 1, fixed = true);
@@ -56,8 +53,6 @@ equation
   end when;
 end Ball;
 """)
-    path = export_fmu("Ball", tmp_path / "b.fmu", compiler="embedded", sources=[source])
-    assert validate_fmu(str(path)) == []
     found = simulated(path, kind, 2.5, ["h", "n"])
     g, first = 9.81, sqrt(2 / 9.81)
     for t, h, n in zip(found["time"], found["h"], found["n"], strict=True):
@@ -73,8 +68,8 @@ end Ball;
 
 
 @KINDS
-def test_relay_with_hysteresis(kind: str, modelica: Write, tmp_path: Path) -> None:
-    source = modelica("""within ;
+def test_relay_with_hysteresis(kind, exported):
+    path = exported("""within ;
 model Relay
   parameter Real low = 0.3, high = 0.7;
   output Real x(start = 0.5, fixed = true);
@@ -84,8 +79,6 @@ equation
   der(x) = (if on then 1 else 0) - x;
 end Relay;
 """)
-    path = export_fmu("Relay", tmp_path / "r.fmu", compiler="embedded", sources=[source])
-    assert validate_fmu(str(path)) == []
     found = simulated(path, kind, 6.0, ["x", "on"])
     up, down = log(0.7 / 0.3), log(0.7 / 0.3)
     first = log(0.5 / 0.3)
@@ -103,8 +96,8 @@ end Relay;
 
 
 @KINDS
-def test_sampling_and_time_events(kind: str, modelica: Write, tmp_path: Path) -> None:
-    source = modelica("""within ;
+def test_sampling_and_time_events(kind, exported):
+    path = exported("""within ;
 model Sampled
   parameter Real T = 0.25;
   Real x(start = 1, fixed = true);
@@ -122,8 +115,6 @@ equation
   wave = mod(time, 0.3);
 end Sampled;
 """)
-    path = export_fmu("Sampled", tmp_path / "s.fmu", compiler="embedded", sources=[source])
-    assert validate_fmu(str(path)) == []
     found = simulated(path, kind, 1.95, ["y", "sum", "step", "wave"], step=0.11)
     for k, t in enumerate(found["time"]):
         tick = int(t / 0.25 + 1e-9)
@@ -134,9 +125,9 @@ end Sampled;
 
 
 @KINDS
-def test_dry_friction_sticks(kind: str, modelica: Write, tmp_path: Path) -> None:
+def test_dry_friction_sticks(kind, exported):
     # a block on a rough table under a force that grows and falls: it sticks, slides, and sticks again
-    source = modelica("""within ;
+    path = exported("""within ;
 model Friction
   parameter Real m = 2, F_c = 3;
   output Real v(start = 0, fixed = true);
@@ -157,8 +148,6 @@ equation
   mode = if (pre(mode) == 1 or forward) and v > 0 then 1 else if (pre(mode) == -1 or backward) and v < 0 then -1 else 0;
 end Friction;
 """)
-    path = export_fmu("Friction", tmp_path / "f.fmu", compiler="embedded", sources=[source])
-    assert validate_fmu(str(path)) == []
     found = simulated(path, kind, 3.0, ["v", "x"])
     # sliding begins where 2 t = 3; v = (t - 1.5)^2 / 2 until t = 2, then falls by 1.5 a second to zero
     top = 0.5**2 / 2
@@ -170,9 +159,9 @@ end Friction;
 
 
 @KINDS
-def test_rectifier_with_an_ideal_diode(kind: str, modelica: Write, tmp_path: Path) -> None:
+def test_rectifier_with_an_ideal_diode(kind, exported):
     # half-wave rectifier with an inductance: L di/dt = sin t while the diode conducts, i = 1 - cos t up to t = 2 pi
-    source = modelica(
+    path = exported(
         """within ;
 model Diode
   output Real i(start = 0, fixed = true);
@@ -191,16 +180,14 @@ equation
 end Diode;
 """.replace("Real s(start = 0), v, u;", "Real s(start = 0), v, u, i_d, r;")
     )
-    path = export_fmu("Diode", tmp_path / "d.fmu", compiler="embedded", sources=[source])
-    assert validate_fmu(str(path)) == []
     found = simulated(path, kind, 6.0, ["i", "power"])
     u = np.sin(found["time"]) - 0.2
     np.testing.assert_allclose(found["power"], np.where(u > 0, u * u / 2, 0.0), atol=1e-7)
 
 
 @KINDS
-def test_loops_that_are_not_linear(kind: str, modelica: Write, tmp_path: Path) -> None:
-    source = modelica("""within ;
+def test_loops_that_are_not_linear(kind, exported):
+    path = exported("""within ;
 model Loop
   parameter Real a = 2;
   Real x(start = 1, fixed = true), p(start = 1), q(start = 1);
@@ -213,8 +200,6 @@ equation
   r = p + q;
 end Loop;
 """)
-    path = export_fmu("Loop", tmp_path / "l.fmu", compiler="embedded", sources=[source])
-    assert validate_fmu(str(path)) == []
     found = simulated(path, kind, 3.0, ["y", "r"])
     x = np.exp(-found["time"])
     np.testing.assert_allclose(found["y"] ** 3 + 2 * found["y"], x, atol=1e-8)
@@ -235,10 +220,8 @@ end Loop;
         assert fmu.slope(["r"], "x")[0] == pytest.approx((above - below) / (2 * step), rel=1e-6)
 
 
-def test_an_assertion_warns_and_makes_no_event(
-    modelica: Write, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    source = modelica("""within ;
+def test_an_assertion_warns_and_makes_no_event(exported, capsys):
+    path = exported("""within ;
 model Watched
   Real x(start = 1, fixed = true);
   output Real y;
@@ -251,7 +234,6 @@ equation
   end when;
 end Watched;
 """)
-    path = export_fmu("Watched", tmp_path / "w.fmu", compiler="embedded", sources=[source])
     found = simulated(path, "ModelExchange", 3.0, ["y"], debug_logging=True)
     assert int(fmpy.read_model_description(str(path)).numberOfEventIndicators) == 1
     np.testing.assert_allclose(
@@ -260,9 +242,9 @@ end Watched;
     assert "x is small" in capsys.readouterr().out
 
 
-def test_initial_equations_that_are_not_linear(modelica: Write, tmp_path: Path) -> None:
+def test_initial_equations_that_are_not_linear(exported):
     # x^3 + x = a at the start, and z at rest behind a loop y^3 + y = z
-    source = modelica("""within ;
+    path = exported("""within ;
 model Beginning
   parameter Real a = 10, b = 3;
   Real x(start = 1), z(start = 1), y(start = 1);
@@ -279,8 +261,6 @@ equation
   free = unrelated ^ 2;
 end Beginning;
 """)
-    path = export_fmu("Beginning", tmp_path / "s.fmu", compiler="embedded", sources=[source])
-    assert validate_fmu(str(path)) == []
     with driven(path) as fmu:
         fmu.set(a=30.0, b=2.0)
         fmu.begin()
@@ -291,9 +271,9 @@ end Beginning;
         assert known == {"u": {"x", "z"}, "free": {"unrelated"}}
 
 
-def test_a_beginning_at_rest_that_the_inputs_decide_is_left_to_them(modelica: Write, tmp_path: Path) -> None:
+def test_a_beginning_at_rest_that_the_inputs_decide_is_left_to_them(exported):
     # without a flow there is no such temperature
-    source = modelica("""within ;
+    path = exported("""within ;
 model Stream
   input Real m "flow";
   input Real T_in;
@@ -305,15 +285,13 @@ equation
   der(T) = m * (T_in - T) + P;
 end Stream;
 """)
-    path = export_fmu("Stream", tmp_path / "s.fmu", compiler="embedded", sources=[source])
-    assert validate_fmu(str(path)) == []
     with driven(path) as fmu:
         fmu.set(m=2.0, T_in=20.0)
         fmu.begin()
         assert fmu.get("T") == [pytest.approx(23.0)]
 
 
-def test_the_engine_takes_the_events_of_an_exported_model(modelica: Write, tmp_path: Path) -> None:
+def test_the_engine_takes_the_events_of_an_exported_model(modelica, tmp_path):
     # a ball that is sampled twice a second, and kicked by a step of the input
     source = modelica("""within ;
 model Kicked
@@ -365,15 +343,12 @@ end Kicked;
     )
 
 
-def test_the_shipped_experiment_is_the_bench_under_the_same_step(
-    modelica: Write, tmp_path: Path, aero_fmu: Callable[[str], Path]
-) -> None:
-    source = modelica(
+def test_the_shipped_experiment_is_the_bench_under_the_same_step(exported, aero_fmu):
+    path = exported(
         "within ;\nmodel Watched\n  extends Aero.Experiments.PaperStep;\n  output Real theta, speed;\nequation\n"
         "  theta = bench.theta;\n  speed = bench.omega_m;\nend Watched;\n",
         "Watched",
     )
-    path = export_fmu("Watched", tmp_path / "p.fmu", compiler="embedded", sources=[source])
     found = simulated(path, "CoSimulation", 22.0, ["theta", "speed"], step=0.1)
     time = found["time"]
     steps = np.array([(0.0, 24.0), (20.0, 0.0)], dtype=[("time", float), ("V_m", float)])

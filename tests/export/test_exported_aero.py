@@ -42,12 +42,12 @@ def draw(rng: np.random.Generator) -> dict[str, float]:
 
 
 @pytest.mark.parametrize("name", SYSTEMS)
-def test_validates_without_a_complaint(aero_fmu: Built, name: str) -> None:
+def test_validates_without_a_complaint(aero_fmu, name):
     assert validate_fmu(str(aero_fmu(name))) == []
 
 
 @pytest.mark.parametrize("name", ["OneDof", "HalfQuad", "OneDofLinear", "HalfQuadLinear"])
-def test_rates_equal_the_hand_written_equations(aero_fmu: Built, name: str) -> None:
+def test_rates_equal_the_hand_written_equations(aero_fmu, name):
     rng = np.random.default_rng(1)
     with driven(aero_fmu(name)) as fmu:
         fmu.begin()
@@ -60,7 +60,7 @@ def test_rates_equal_the_hand_written_equations(aero_fmu: Built, name: str) -> N
             np.testing.assert_allclose(fmu.rhs(x), expected, rtol=1e-12, atol=1e-12 * np.abs(expected).max())
 
 
-def test_transfer_function_is_the_linear_oscillator(aero_fmu: Built) -> None:
+def test_transfer_function_is_the_linear_oscillator(aero_fmu):
     with driven(aero_fmu("TransferFunction")) as fmu:
         fmu.begin()
         fmu.set(K_pp=0.002, J_p=0.03, D_p=0.01, K_sp=0.05, V_m=7.0)
@@ -69,7 +69,7 @@ def test_transfer_function_is_the_linear_oscillator(aero_fmu: Built) -> None:
     assert by_name["body.omega"] == pytest.approx((0.002 * 7.0 - 0.01 * -0.2 - 0.05 * 0.3) / 0.03, rel=1e-13)
 
 
-def test_defaults_are_the_nominal_values(aero_fmu: Built) -> None:
+def test_defaults_are_the_nominal_values(aero_fmu):
     with driven(aero_fmu("OneDof")) as fmu:
         assert set(fmu.parameters) == set(NOMINAL)
         assert {n: fmu.starts[n] for n in NOMINAL} == NOMINAL
@@ -83,7 +83,7 @@ def test_defaults_are_the_nominal_values(aero_fmu: Built) -> None:
 
 
 @pytest.mark.parametrize("name", ["OneDof", "HalfQuad"])
-def test_directional_derivatives_equal_differences(aero_fmu: Built, name: str) -> None:
+def test_directional_derivatives_equal_differences(aero_fmu, name):
     rng = np.random.default_rng(2)
     with driven(aero_fmu(name)) as fmu:
         fmu.begin()
@@ -111,7 +111,7 @@ def test_directional_derivatives_equal_differences(aero_fmu: Built, name: str) -
         assert fmu.slope(["theta"], "K_sp") == [0.0]
 
 
-def test_directional_derivative_is_linear_in_the_seed(aero_fmu: Built) -> None:
+def test_directional_derivative_is_linear_in_the_seed(aero_fmu):
     with driven(aero_fmu("OneDof")) as fmu:
         fmu.begin()
         fmu.move(np.array([0.3, 200.0, 0.1, 0.2, -0.2, -150.0]))
@@ -148,9 +148,7 @@ def step_by_hand() -> tuple[np.ndarray, np.ndarray]:
 
 
 @pytest.mark.parametrize("kind", ["ModelExchange", "CoSimulation"])
-def test_trajectories_agree_with_the_hand_written_ode(
-    aero_fmu: Built, step_by_hand: tuple[np.ndarray, np.ndarray], kind: str
-) -> None:
+def test_trajectories_agree_with_the_hand_written_ode(aero_fmu, step_by_hand, kind):
     grid, expected = step_by_hand
     signal = np.array([(0, 24.0), (4, 24.0), (4, 0.0), (8, 0.0)], dtype=[("time", "f8"), ("V_m", "f8")])
     result = fmpy.simulate_fmu(
@@ -166,7 +164,7 @@ def test_trajectories_agree_with_the_hand_written_ode(
         np.testing.assert_allclose(result[output][first][keep], expected[wanted, column], atol=1e-6 * scale, rtol=1e-6)
 
 
-def test_outputs_share_the_references_of_the_states(aero_fmu: Built) -> None:
+def test_outputs_share_the_references_of_the_states(aero_fmu):
     with driven(aero_fmu("OneDof")) as fmu:
         assert fmu.states[:3] == ["i_m", "omega_m", "theta"]
         assert fmu.references["theta"] == fmu.references["body.theta"]
@@ -179,7 +177,7 @@ def test_outputs_share_the_references_of_the_states(aero_fmu: Built) -> None:
         assert dict(zip(fmu.states, nominals, strict=True))["omega_m"] == 100.0
 
 
-def test_state_survives_a_round_trip(aero_fmu: Built) -> None:
+def test_state_survives_a_round_trip(aero_fmu):
     with driven(aero_fmu("OneDof")) as fmu:
         fmu.begin()
         x = np.array([0.3, 200.0, 0.1, 0.2, -0.2, -150.0])
@@ -200,7 +198,7 @@ def test_state_survives_a_round_trip(aero_fmu: Built) -> None:
         fmu.fmu.freeFMUState(again)
 
 
-def test_a_foreign_state_is_refused(aero_fmu: Built) -> None:
+def test_a_foreign_state_is_refused(aero_fmu):
     with driven(aero_fmu("OneDof")) as one, driven(aero_fmu("HalfQuad")) as other:
         one.begin()
         other.begin()
@@ -209,7 +207,7 @@ def test_a_foreign_state_is_refused(aero_fmu: Built) -> None:
             other.fmu.deSerializeFMUstate(stored)
 
 
-def test_reset_returns_to_the_beginning(aero_fmu: Built) -> None:
+def test_reset_returns_to_the_beginning(aero_fmu):
     with driven(aero_fmu("OneDof")) as fmu:
         fmu.begin()
         x = np.array([0.3, 200.0, 0.1, 0.2, -0.2, -150.0])
@@ -223,7 +221,7 @@ def test_reset_returns_to_the_beginning(aero_fmu: Built) -> None:
         assert np.array_equal(fmu.rhs(x), first)
 
 
-def test_instances_do_not_share_anything(aero_fmu: Built) -> None:
+def test_instances_do_not_share_anything(aero_fmu):
     with driven(aero_fmu("OneDof")) as one:
         two = Driven(aero_fmu("OneDof"), one.folder)
         one.begin()
@@ -237,14 +235,14 @@ def test_instances_do_not_share_anything(aero_fmu: Built) -> None:
         two.fmu.freeInstance()
 
 
-def test_what_cannot_be_set_is_refused(aero_fmu: Built) -> None:
+def test_what_cannot_be_set_is_refused(aero_fmu):
     with driven(aero_fmu("OneDof")) as fmu:
         fmu.begin()
         with pytest.raises(Exception, match="fmi2SetReal"):
             fmu.set_all({"der(theta)": 1.0})
 
 
-def test_a_state_set_by_reference_while_running_is_the_state(aero_fmu: Built) -> None:
+def test_a_state_set_by_reference_while_running_is_the_state(aero_fmu):
     with driven(aero_fmu("OneDof")) as fmu:
         fmu.begin()
         before = fmu.get("der(body.omega)")
@@ -254,7 +252,7 @@ def test_a_state_set_by_reference_while_running_is_the_state(aero_fmu: Built) ->
         assert fmu.get("der(body.omega)") - before == pytest.approx(-pull, rel=1e-12)
 
 
-def test_two_builds_are_the_same_bytes(aero_fmu: Built, tmp_path: Path) -> None:
+def test_two_builds_are_the_same_bytes(aero_fmu, tmp_path):
     again = export_fmu("Aero.Systems.OneDof", tmp_path / "other name.fmu", compiler="embedded")
     first = aero_fmu("OneDof").read_bytes()
     assert hashlib.sha256(again.read_bytes()).digest() == hashlib.sha256(first).digest()
@@ -264,7 +262,7 @@ def test_two_builds_are_the_same_bytes(aero_fmu: Built, tmp_path: Path) -> None:
     assert str(tmp_path).encode() not in library
 
 
-def test_units_have_their_base_units(aero_fmu: Built) -> None:
+def test_units_have_their_base_units(aero_fmu):
     description = fmpy.read_model_description(str(aero_fmu("OneDof")))
     units = {u.name: u.baseUnit for u in description.unitDefinitions}
     volt = units["V"]
@@ -275,7 +273,7 @@ def test_units_have_their_base_units(aero_fmu: Built) -> None:
 
 
 @pytest.mark.parametrize("name", ["OneDof", "HalfQuad"])
-def test_listed_dependencies_are_those_of_the_derivatives(aero_fmu: Built, name: str) -> None:
+def test_listed_dependencies_are_those_of_the_derivatives(aero_fmu, name):
     model = Model.load(aero_fmu(name))
     assert model.jacobian_pattern is not None
     with driven(aero_fmu(name)) as fmu:
@@ -286,7 +284,7 @@ def test_listed_dependencies_are_those_of_the_derivatives(aero_fmu: Built, name:
 
 
 @pytest.mark.parametrize("given", ["line", "held"])
-def test_another_master_follows_a_voltage_that_moves(given: str, tmp_path: Path, rng: np.random.Generator) -> None:
+def test_another_master_follows_a_voltage_that_moves(given, tmp_path, rng):
     """FMPy sets a continuous input between two steps of CVode: it jumps there, and CVode has to begin anew."""
     path = export_fmu("Aero.Systems.OneDof", tmp_path / "one.fmu", compiler="embedded")
     time = np.arange(101) * 0.02
@@ -309,7 +307,7 @@ def test_another_master_follows_a_voltage_that_moves(given: str, tmp_path: Path,
             assert error < 30.0 * tolerance
 
 
-def test_an_event_is_asked_for_only_where_an_input_jumps(aero_fmu: Built) -> None:
+def test_an_event_is_asked_for_only_where_an_input_jumps(aero_fmu):
     """An input that moves with time at each evaluation, as other masters move it, needs none."""
     path = aero_fmu("OneDof")
     assert not Model.load(path).wants_step_callback  # the engines make an event of each jump themselves

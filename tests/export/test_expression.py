@@ -15,7 +15,7 @@ SMOOTH = ["sqrt", "exp", "log", "log10", "sin", "cos", "tan", "asin", "acos", "a
 
 
 @pytest.mark.parametrize("op", SMOOTH)
-def test_derivative_of_a_function(op: str) -> None:
+def test_derivative_of_a_function(op):
     b = Builder()
     x = b.symbol("x")
     node = b.unary(op, b.mul(x, b.const(0.7)))
@@ -27,7 +27,7 @@ def test_derivative_of_a_function(op: str) -> None:
 
 
 @pytest.mark.parametrize("op", ["add", "sub", "mul", "div", "pow", "min", "max", "atan2"])
-def test_derivatives_of_an_operation(op: str) -> None:
+def test_derivatives_of_an_operation(op):
     b = Builder()
     x, y = b.symbol("x"), b.symbol("y")
     node = b.binary(op, b.mul(x, x), b.add(y, b.one))
@@ -42,7 +42,7 @@ def test_derivatives_of_an_operation(op: str) -> None:
 
 
 @pytest.mark.parametrize("power", [-2.0, 0.5, 1.0, 2.0, 3.0, 5.0, 8.0, 2.5])
-def test_constant_powers(power: float) -> None:
+def test_constant_powers(power):
     b = Builder()
     x = b.symbol("x")
     node = b.binary("pow", x, b.const(power))
@@ -50,7 +50,7 @@ def test_constant_powers(power: float) -> None:
     assert evaluate_nodes([b.derivative(node, x)], {x: 1.7})[0] == pytest.approx(power * 1.7 ** (power - 1), rel=1e-14)
 
 
-def test_the_branch_not_taken_cannot_spoil_a_derivative() -> None:
+def test_the_branch_not_taken_cannot_spoil_a_derivative():
     b = Builder()
     x = b.symbol("x")
     node = b.select(b.binary("gt", x, b.zero), b.unary("sqrt", x), b.zero)
@@ -58,14 +58,14 @@ def test_the_branch_not_taken_cannot_spoil_a_derivative() -> None:
     assert evaluate_nodes([b.derivative(node, x)], {x: 4.0}) == [0.25]
 
 
-def test_a_root_of_what_does_not_change_has_no_slope() -> None:
+def test_a_root_of_what_does_not_change_has_no_slope():
     b = Builder()
     x = b.symbol("x")
     slope = b.derivative(b.unary("sqrt", b.binary("max", x, b.zero)), x)
     assert [evaluate_nodes([slope], {x: at})[0] for at in (-1.0, 4.0)] == [0.0, 0.25]
 
 
-def test_equal_expressions_are_one_node() -> None:
+def test_equal_expressions_are_one_node():
     b = Builder()
     x, y = b.symbol("x"), b.symbol("y")
     assert b.add(b.mul(x, y), x) is b.add(x, b.mul(y, x))
@@ -76,7 +76,7 @@ def test_equal_expressions_are_one_node() -> None:
     assert b.div(b.neg(x), y) is b.neg(b.div(x, y))
 
 
-def test_simplification_keeps_the_value() -> None:
+def test_simplification_keeps_the_value():
     import numpy as np
 
     rng = np.random.default_rng(7)
@@ -97,7 +97,7 @@ def test_simplification_keeps_the_value() -> None:
             assert evaluate_nodes([node], at)[0] == pytest.approx(number, rel=1e-9, abs=1e-9)
 
 
-def test_a_constant_out_of_range_is_an_error() -> None:
+def test_a_constant_out_of_range_is_an_error():
     b = Builder()
     with pytest.raises(ValueError, match="domain"):
         b.unary("log", b.const(-1.0))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from math import exp, tanh
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,7 +13,6 @@ from aero_bayes.modelica.causalisation import ExplicitModel
 from aero_bayes.modelica.compilers import export_fmu
 from aero_bayes.modelica.embedded import explicit_model
 from aero_bayes.modelica.expression import evaluate_nodes
-from aero_bayes.structure.candidates import Candidate
 from aero_bayes.structure.law_places import LawPlaces
 from aero_bayes.structure.modelica_family import ModelicaFamily
 
@@ -45,7 +43,7 @@ def base() -> dict[str, float]:
 
 
 @pytest.mark.parametrize("effect", [c for c in EVERY if c.alias], ids=lambda c: c.id)
-def test_one_effect_in_a_model_of_its_own(effect: Candidate, base: dict[str, float], tmp_path: Path) -> None:
+def test_one_effect_in_a_model_of_its_own(effect, base, tmp_path):
     written = write_effects("Aero.Systems.OneDof", {effect.id: {}}, tmp_path)
     assert written.name == f"OneDof_{effect.id}"
     assert effect.port.replaceable is not None
@@ -60,7 +58,7 @@ def test_one_effect_in_a_model_of_its_own(effect: Candidate, base: dict[str, flo
     assert on != rates_at(model, extra)
 
 
-def test_effects_at_one_place_act_together(base: dict[str, float], tmp_path: Path) -> None:
+def test_effects_at_one_place_act_together(base, tmp_path):
     effects = {
         "cubic_stiffness": {"k_3": 0.01}, "pivot_coulomb_friction": {"tau_c": 1e-3},
         "supply_resistance": {"R_s": 2.0}, "brush_drop": {"V_b": 0.5},
@@ -74,7 +72,7 @@ def test_effects_at_one_place_act_together(base: dict[str, float], tmp_path: Pat
     assert found[state] == pytest.approx(base[state] - drop / 1.16e-3, rel=1e-12)
 
 
-def test_base_with_one_motor(tmp_path: Path) -> None:
+def test_base_with_one_motor(tmp_path):
     written = write_effects("Aero.Systems.HalfQuadLinear", {"supply_resistance": {}}, tmp_path)
     assert "thruster_2" not in written.text
     assert len(explicit_model(written.name, [written.path]).states) == 4
@@ -98,7 +96,7 @@ def bumps(x: float, heights: list[float]) -> float:
 
 
 @pytest.mark.parametrize("curve", CURVES, ids=lambda c: c.id)
-def test_a_learned_curve_acts_at_its_port(curve: Candidate, base: dict[str, float], tmp_path: Path) -> None:
+def test_a_learned_curve_acts_at_its_port(curve, base, tmp_path):
     law, port = curve.law.id, curve.port.id
     size = {"electrical": 1.0, "rotor": 1e-3, "thrust": 0.02, "body": 1e-3}[port]
     heights = [size * v for v in (0.3, -0.7, 1.0, 0.2, -0.5, 0.9, 0.1, 0.6, -0.4)]
@@ -124,7 +122,7 @@ def test_a_learned_curve_acts_at_its_port(curve: Candidate, base: dict[str, floa
         assert found[state] == pytest.approx(value, rel=1e-11), state
 
 
-def test_a_curve_and_an_effect_act_at_the_same_place(tmp_path: Path) -> None:
+def test_a_curve_and_an_effect_act_at_the_same_place(tmp_path):
     level = {f"c_{k}": 0.1 for k in range(1, 10)}
     effects = {"thrust_lag": {"T_f": 0.1}, "thrust_angle_curve@thrust": level}
     written = write_effects("Aero.Systems.HalfQuad", effects, tmp_path, "Shared")
@@ -133,7 +131,7 @@ def test_a_curve_and_an_effect_act_at_the_same_place(tmp_path: Path) -> None:
     assert found["body.omega"] == pytest.approx(torque / 0.0219, rel=1e-12)
 
 
-def test_the_exported_parameters_reach_the_effect(tmp_path: Path) -> None:
+def test_the_exported_parameters_reach_the_effect(tmp_path):
     from export_driver import driven
 
     written = write_effects("Aero.Systems.OneDof", {"pivot_coulomb_friction": {"tau_c": 7e-4}}, tmp_path)
@@ -151,7 +149,7 @@ def test_the_exported_parameters_reach_the_effect(tmp_path: Path) -> None:
         assert fmu.rhs(x)[rate] == pytest.approx(-(7e-4 * tanh(1.0) + 0.0071 * 0.1) / 0.0219, rel=1e-12)
 
 
-def test_effects_that_a_package_names_must_be_there(tmp_path: Path) -> None:
+def test_effects_that_a_package_names_must_be_there(tmp_path):
     package = tmp_path / "Bench"
     package.mkdir()
     (package / "package.mo").write_text(

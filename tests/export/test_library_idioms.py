@@ -32,7 +32,7 @@ def simulate(folder: Path, name: str, text: str, outputs: list[str], **start: fl
     return {n: found[n] for n in ("time", *outputs)}
 
 
-def test_what_a_continuous_variable_was_until_the_event(tmp_path: Path) -> None:
+def test_what_a_continuous_variable_was_until_the_event(tmp_path):
     """``pre`` of an algebraic variable is its left limit: of what jumps in the same event, the old value."""
     text = """model Held
   discrete Real a(start = 0, fixed = true);
@@ -50,13 +50,13 @@ end Held;
     assert found["y"] == pytest.approx(np.maximum(ticks - 1.0, 0.0) + 0.1 * ticks, abs=1e-9)
 
 
-def test_an_event_at_the_end_of_a_step_belongs_to_it(tmp_path: Path) -> None:
+def test_an_event_at_the_end_of_a_step_belongs_to_it(tmp_path):
     text = "model Late\n  output Real y = if time < 0.5 then 0 else 1;\nend Late;\n"
     found = simulate(tmp_path, "Late", text, ["y"])
     assert found["y"] == pytest.approx((found["time"] >= 0.5 - 1e-9).astype(float))
 
 
-def test_parameters_that_initial_equations_determine(tmp_path: Path) -> None:
+def test_parameters_that_initial_equations_determine(tmp_path):
     """p^3 + p = 10 a, x' = -p x."""
     text = """model Solved
   parameter Real a = 3;
@@ -77,7 +77,7 @@ end Solved;
         assert found["y"] == pytest.approx(2.0 * p, abs=1e-9)
 
 
-def test_a_start_that_depends_on_an_input_and_on_a_branch(tmp_path: Path) -> None:
+def test_a_start_that_depends_on_an_input_and_on_a_branch(tmp_path):
     text = """model Start
   input Real u(start = 2);
   output Real x;
@@ -106,7 +106,7 @@ def rows(b: Builder, table: list[list[float]]) -> Value:
 
 
 @pytest.mark.parametrize("beyond", [HOLD, LAST_TWO, PERIODIC])
-def test_a_table_over_time(beyond: float) -> None:
+def test_a_table_over_time(beyond):
     b = Builder()
     x, y = np.array([0.0, 1.0, 2.5]), np.array([1.0, 3.0, -1.0])
     args = ["NoName", "NoName", rows(b, np.column_stack([x, 0 * y, y]).tolist()), b.const(0.2), [b.const(3.0)],
@@ -123,7 +123,7 @@ def test_a_table_over_time(beyond: float) -> None:
         )
 
 
-def test_a_table_over_two_inputs() -> None:
+def test_a_table_over_two_inputs():
     b = Builder()
     x, z = np.array([0.0, 1.0, 3.0]), np.array([-1.0, 2.0])
     inner = np.array([[1.0, 4.0], [2.0, -3.0], [5.0, 0.5]])
@@ -136,7 +136,7 @@ def test_a_table_over_two_inputs() -> None:
         assert value(b, "getTable2DValue", table, *point) == pytest.approx(float(exact(np.array([point]))[0]))
 
 
-def test_steps_hold_until_the_next_row() -> None:
+def test_steps_hold_until_the_next_row():
     b = Builder()
     args = ["NoName", "NoName", rows(b, [[0.0, 1.0], [1.0, 2.0], [2.0, 5.0]]), [b.const(2.0)],
             b.const(STEPS), b.const(HOLD)]  # fmt: skip
@@ -145,7 +145,7 @@ def test_steps_hold_until_the_next_row() -> None:
     assert [value(b, "getTable1DValueNoDer", table, 1.0, u) for u in (-1.0, 0.5, 1.5, 2.5)] == [1.0, 1.0, 2.0, 5.0]
 
 
-def test_a_loop_without_a_solution_on_the_other_branch(tmp_path: Path) -> None:
+def test_a_loop_without_a_solution_on_the_other_branch(tmp_path):
     """What flows out has the enthalpy that flows in; on the branch of reverse flow the equation says nothing of it."""
     text = """model Outflow
   parameter Real q_0 = 0.1;
@@ -162,7 +162,7 @@ end Outflow;
     assert found["T"] == pytest.approx(5.0 - 4.0 * np.exp(-found["time"]), abs=1e-7)
 
 
-def test_an_algorithm_that_makes_its_own_events(tmp_path: Path) -> None:
+def test_an_algorithm_that_makes_its_own_events(tmp_path):
     """A function with several results in a when clause of an algorithm, its arguments the values before."""
     text = """model Own
   function f

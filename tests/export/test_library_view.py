@@ -41,7 +41,7 @@ def shown(folder: Path) -> set[str]:
     return {str(f.relative_to(folder / "Modelica")) for f in (folder / "Modelica").rglob("*.mo")}
 
 
-def test_only_what_can_be_reached_is_there(library: Path, tmp_path: Path) -> None:
+def test_only_what_can_be_reached_is_there(library, tmp_path):
     always = {f for f in FILES if not f.startswith(("Fluid", "Media"))}
     assert shown(link_packages({"Modelica": library}, {"Modelica", "Blocks", "Gain"})) == always
     reached = link_packages({"Modelica": library}, {"Modelica", "Blocks", "Examples", "Heavy"})
@@ -57,7 +57,7 @@ def test_only_what_can_be_reached_is_there(library: Path, tmp_path: Path) -> Non
     assert (both / "Other" / "package.mo").is_file()
 
 
-def test_a_value_of_a_table_that_sets_a_parameter_is_a_number(library: Path) -> None:
+def test_a_value_of_a_table_that_sets_a_parameter_is_a_number(library):
     text = (link_packages({"Modelica": library}) / "Modelica" / "Mechanics" / "Rotational" / "Brake.mo").read_text(
         "utf-8"
     )
@@ -66,7 +66,7 @@ def test_a_value_of_a_table_that_sets_a_parameter_is_a_number(library: Path) -> 
     assert text.count("\n") == FILES["Mechanics/Rotational/Brake.mo"].count("\n")
 
 
-def test_a_library_that_has_changed_is_read_anew(library: Path) -> None:
+def test_a_library_that_has_changed_is_read_anew(library):
     first = link_packages({"Modelica": library})
     assert link_packages({"Modelica": library}) == first
     file = library / "Blocks" / "Gain.mo"
@@ -76,6 +76,6 @@ def test_a_library_that_has_changed_is_read_anew(library: Path) -> None:
     assert "Media/Water.mo" in shown(link_packages({"Modelica": library}, {"Blocks", "Gain"}))
 
 
-def test_words_are_those_of_the_code(tmp_path: Path) -> None:
+def test_words_are_those_of_the_code(tmp_path):
     (tmp_path / "A.mo").write_text('model A "text" /* more\n Text */\n  B.C d; // rest\nend A;\n', encoding="utf-8")
     assert names_used_in([tmp_path / "A.mo"]) == {"model", "A", "B", "C", "d", "end"}

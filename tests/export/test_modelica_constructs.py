@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from pathlib import Path
 
 import fmpy
 import numpy as np
 import pytest
 from export_driver import driven
 from facts import facts
-from fmpy.validation import validate_fmu
 
 from aero_bayes.errors import InputError
 from aero_bayes.modelica.causalisation import ExplicitModel
@@ -19,8 +16,6 @@ from aero_bayes.modelica.compilers import export_fmu
 from aero_bayes.modelica.embedded import explicit_model
 from aero_bayes.modelica.expression import evaluate_nodes
 from aero_bayes.simulation.model import Model
-
-Write = Callable[..., Path]
 
 
 def values(model: ExplicitModel, at: dict[str, float]) -> dict[str, float]:
@@ -34,7 +29,7 @@ def values(model: ExplicitModel, at: dict[str, float]) -> dict[str, float]:
     return dict(zip(names, evaluate_nodes([*model.rates, *solved.values()], known), strict=True))
 
 
-def test_functions_conditions_and_arithmetic(modelica: Write) -> None:
+def test_functions_conditions_and_arithmetic(modelica):
     source = modelica("""within ;
 model Mixed
   function bent "a loop, a branch and a table"
@@ -76,7 +71,7 @@ end Mixed;
         assert found["w"] == pytest.approx(w + x**3 - x**2 + math.asin(x / 9) + 2**x, rel=1e-13)
 
 
-def test_an_algebraic_loop_is_solved(modelica: Write) -> None:
+def test_an_algebraic_loop_is_solved(modelica):
     source = modelica("""within ;
 model Loop
   parameter Real a = 3; parameter Real b = 2;
@@ -93,7 +88,7 @@ end Loop;
     assert 2 * r + q == pytest.approx(4)
 
 
-def test_rigidly_coupled_inertias_share_their_acceleration(modelica: Write) -> None:
+def test_rigidly_coupled_inertias_share_their_acceleration(modelica):
     source = modelica("""within ;
 model Coupled
   input Real u;
@@ -109,7 +104,7 @@ end Coupled;
     assert values(model, {model.states[0]: 0.1, "u": 10.0})[f"der({model.states[0]})"] == pytest.approx(2.0)
 
 
-def test_the_rate_of_an_algebraic_variable(modelica: Write) -> None:
+def test_the_rate_of_an_algebraic_variable(modelica):
     source = modelica("""within ;
 model Rate
   Real x(start = 1, fixed = true), F, y(start = 0, fixed = true);
@@ -122,7 +117,7 @@ end Rate;
     assert values(model, {"x": 0.5, "y": 0.0})["der(y)"] == pytest.approx(3 * 0.25 * -1.0)
 
 
-def test_arrays_loops_and_matrices(modelica: Write) -> None:
+def test_arrays_loops_and_matrices(modelica):
     source = modelica("""within ;
 model Arrays
   parameter Integer n = 3;
@@ -148,9 +143,9 @@ end Arrays;
 
 
 @pytest.mark.parametrize("kind", ["ModelExchange", "CoSimulation"])
-def test_time_in_the_equations(kind: str, modelica: Write, tmp_path: Path) -> None:
+def test_time_in_the_equations(kind, exported):
     # the Prothero-Robinson problem: stiff, with the solution cos(t)
-    source = modelica("""within ;
+    path = exported("""within ;
 model Robinson
   Real x(start = 1, fixed = true);
   output Real late;
@@ -159,8 +154,6 @@ equation
   late = x + time;
 end Robinson;
 """)
-    path = export_fmu("Robinson", tmp_path / "r.fmu", compiler="embedded", sources=[source])
-    assert validate_fmu(str(path)) == []
     result = fmpy.simulate_fmu(
         str(path), fmi_type=kind, stop_time=10.0, output_interval=0.1, relative_tolerance=1e-8, output=["x", "late"]
     )
@@ -168,12 +161,10 @@ end Robinson;
     np.testing.assert_allclose(result["late"], np.cos(result["time"]) + result["time"], atol=1e-6)
 
 
-def test_a_model_without_states(modelica: Write, tmp_path: Path) -> None:
-    source = modelica(
+def test_a_model_without_states(exported):
+    path = exported(
         "within ;\nmodel Static\n  input Real u; parameter Real a = 3; output Real y = a * u ^ 2;\nend Static;\n"
     )
-    path = export_fmu("Static", tmp_path / "s.fmu", compiler="embedded", sources=[source])
-    assert validate_fmu(str(path)) == []
     with driven(path) as fmu:
         fmu.begin()
         fmu.set(u=2.0, a=5.0)
@@ -182,8 +173,8 @@ def test_a_model_without_states(modelica: Write, tmp_path: Path) -> None:
         assert fmu.slope(["y"], "a")[0] == 4.0
 
 
-def test_start_values_follow_parameters_and_initial_equations(modelica: Write, tmp_path: Path) -> None:
-    source = modelica("""within ;
+def test_start_values_follow_parameters_and_initial_equations(exported):
+    path = exported("""within ;
 model Starts
   parameter Real a = 2; parameter Real both = 3 * a;
   Real x(start = a + 1, fixed = true), z(start = 9);
@@ -193,8 +184,6 @@ equation
   der(x) = -both * x; der(z) = 4 * x - a * z;
 end Starts;
 """)
-    path = export_fmu("Starts", tmp_path / "starts.fmu", compiler="embedded", sources=[source])
-    assert validate_fmu(str(path)) == []
     with driven(path) as fmu:
         fmu.set(a=5.0)
         fmu.begin()
@@ -206,8 +195,8 @@ end Starts;
         assert fmu.get("x", "z") == pytest.approx([1.5, 4 * 1.5 / 5.0])
 
 
-def test_inner_parameters_are_shown_only_where_they_act(modelica: Write, tmp_path: Path) -> None:
-    source = modelica("""within ;
+def test_inner_parameters_are_shown_only_where_they_act(exported):
+    path = exported("""within ;
 model Inner
   input Real u(unit = "N.m");
   Aero.Mechanical.Torque drive(tau = u);
@@ -218,7 +207,6 @@ equation
   connect(drive.flange, body.flange);
 end Inner;
 """)
-    path = export_fmu("Inner", tmp_path / "inner.fmu", compiler="embedded", sources=[source])
     with driven(path) as fmu:
         assert set(fmu.parameters) == {"unused", "body.J_p", "body.D_p", "body.K_sp"}
         fmu.begin()
@@ -250,7 +238,7 @@ REFUSED = [
 
 
 @pytest.mark.parametrize(("line", "message"), REFUSED)
-def test_what_cannot_be_translated_is_named(line: str, message: str, modelica: Write) -> None:
+def test_what_cannot_be_translated_is_named(line, message, modelica):
     source = modelica(MODEL.format(line), "Bad")
     with pytest.raises(InputError, match=message) as caught:
         explicit_model("Bad", [source])
@@ -258,13 +246,13 @@ def test_what_cannot_be_translated_is_named(line: str, message: str, modelica: W
     assert "/tmp" not in str(caught.value)
 
 
-def test_a_slip_inside_a_package_has_its_line_too(modelica: Write) -> None:
+def test_a_slip_inside_a_package_has_its_line_too(modelica):
     source = modelica(f"package Kit\n{MODEL.format('  y = x').removeprefix('within ;')}end Kit;\n", "Kit")
     with pytest.raises(InputError, match=r"^Kit\.mo:8: unexpected `end`; .* line 7\?$"):
         explicit_model("Kit.Bad", [source])
 
 
-def test_modifiers_that_the_front_end_would_drop_are_refused(modelica: Write) -> None:
+def test_modifiers_that_the_front_end_would_drop_are_refused(modelica):
     source = modelica("""within ;
 model Dropped
   parameter Real tau_c = 1e-3;
@@ -276,7 +264,7 @@ end Dropped;
         explicit_model("Dropped", [source])
 
 
-def test_unknown_models_and_files_are_named(tmp_path: Path) -> None:
+def test_unknown_models_and_files_are_named(tmp_path):
     with pytest.raises(InputError, match="Nothing"):
         explicit_model("Aero.Systems.Nothing")
     with pytest.raises(InputError, match=facts("missing.mo")):
@@ -285,7 +273,7 @@ def test_unknown_models_and_files_are_named(tmp_path: Path) -> None:
         explicit_model("Aero; quit()")
 
 
-def test_an_output_may_be_a_state_itself(modelica, tmp_path: Path) -> None:
+def test_an_output_may_be_a_state_itself(modelica, tmp_path):
     source = modelica(
         "model Tank\n  input Real u;\n  output Real q(start = 2);\nequation\n  der(q) = u - q;\nend Tank;\n"
     )

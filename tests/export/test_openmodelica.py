@@ -33,7 +33,7 @@ def install(folder: Path, action: str, monkeypatch: pytest.MonkeyPatch) -> Path:
     return log
 
 
-def test_script_loads_everything_and_builds_both_kinds() -> None:
+def test_script_loads_everything_and_builds_both_kinds():
     text = script("My.Model", ["Aero/package.mo", "More.mo"])
     lines = text.splitlines()
     assert lines[0] == f'setCommandLineOptions("{DERIVATIVES}{FLAGS}");'
@@ -43,14 +43,14 @@ def test_script_loads_everything_and_builds_both_kinds() -> None:
     assert "-disableDirectionalDerivatives" in DERIVATIVES
 
 
-def test_missing_compiler_is_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_missing_compiler_is_one_line(tmp_path, monkeypatch):
     monkeypatch.setenv("PATH", str(tmp_path))
     with pytest.raises(InputError, match=r"omc .* not on the PATH"):
         export_fmu("Aero.Systems.OneDof", tmp_path / "x.fmu", compiler="omc")
     assert not (tmp_path / "x.fmu").exists()
 
 
-def test_what_omc_writes_becomes_the_output(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_omc_writes_becomes_the_output(tmp_path, monkeypatch):
     action = 'printf x > modelDescription.xml; python3 -m zipfile -c "$name.fmu" modelDescription.xml'
     log = install(tmp_path, action, monkeypatch)
     out = export_fmu("Aero.Systems.OneDof", tmp_path / "x.fmu", compiler="omc")
@@ -63,7 +63,7 @@ def refuse(*_: object, **__: object) -> None:
     raise InputError("too hard")
 
 
-def test_what_the_embedded_exporter_refuses_goes_to_omc(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_the_embedded_exporter_refuses_goes_to_omc(tmp_path, monkeypatch):
     action = 'printf x > modelDescription.xml; python3 -m zipfile -c "$name.fmu" modelDescription.xml'
     install(tmp_path, action, monkeypatch)
     monkeypatch.setattr("aero_bayes.modelica.compilers.export_embedded", refuse)
@@ -74,32 +74,32 @@ def test_what_the_embedded_exporter_refuses_goes_to_omc(tmp_path: Path, monkeypa
     assert used == ["embedded"]
 
 
-def test_both_refusals_are_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_both_refusals_are_told(tmp_path, monkeypatch):
     install(tmp_path, 'echo "Error: Class Foo not found."', monkeypatch)
     monkeypatch.setattr("aero_bayes.modelica.compilers.export_embedded", refuse)
     with pytest.raises(InputError, match=r"too hard.*Class Foo"):
         export_fmu("Aero.Systems.OneDof", tmp_path / "x.fmu")
 
 
-def test_derivatives_whose_code_does_not_compile_are_left_out(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_derivatives_whose_code_does_not_compile_are_left_out(tmp_path, monkeypatch):
     action = """if grep -q disableDirectional "$1"; then echo "x_12jac.c:7:3: error: 'y' undeclared"; exit 0
     fi; printf x > modelDescription.xml; python3 -m zipfile -c "$name.fmu" modelDescription.xml"""
     install(tmp_path, action, monkeypatch)
     assert export_fmu("Aero.Systems.OneDof", tmp_path / "x.fmu", compiler="omc").is_file()
 
 
-def test_the_c_compilers_line_comes_first() -> None:
+def test_the_c_compilers_line_comes_first():
     log = "Error building simulator. Build log: make ...\nx_06inz.c:12:5: error: unknown type name 'foo'\nmake: Error 1"
     assert "unknown type name 'foo'" in first_error(log)
 
 
-def test_an_error_of_omc_is_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_error_of_omc_is_one_line(tmp_path, monkeypatch):
     install(tmp_path, 'echo "[x.mo:1:1-2:2] Error: Class Foo not found."', monkeypatch)
     with pytest.raises(InputError, match=facts("Aero.Systems.OneDof", "omc", "Class Foo not found.")):
         export_fmu("Aero.Systems.OneDof", tmp_path / "x.fmu", compiler="omc")
 
 
-def test_first_error_of_a_long_log() -> None:
+def test_first_error_of_a_long_log():
     log = 'true\n""\nWarning: a\n[/tmp/a/B.mo:3:1] Error: Variable q not found in scope B."\nError: more'
     assert first_error(log) == "Variable q not found in scope B."
     assert "FMU" in first_error("nothing")

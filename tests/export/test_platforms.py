@@ -81,7 +81,7 @@ def trajectory(fmu: Path, platform: str, folder: Path) -> np.ndarray:
 @BY_TARGET
 @pytest.mark.parametrize("platform", ["win64", "aarch64-linux"])
 @pytest.mark.parametrize("model", NAMES)
-def test_another_machine_gives_the_same_numbers(model: str, platform: str, ball: Path, tmp_path: Path) -> None:
+def test_another_machine_gives_the_same_numbers(model, platform, ball, tmp_path):
     if platform == "win64" and WINE is None:
         pytest.skip("Wine is not installed")
     if platform != "win64" and not (shutil.which("qemu-aarch64") and ARM_LIBRARIES.exists()):
@@ -104,7 +104,7 @@ def copied(fmu: Path, target: Path, *without: str) -> Path:
 
 
 @BY_TARGET
-def test_an_fmu_with_source_only_is_built(ball: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_fmu_with_source_only_is_built(ball, tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     fmu = export_fmu("Ball", tmp_path / "ball.fmu", sources=ball)
     model = Model.load(copied(fmu, tmp_path / "source.fmu", "binaries/"))
@@ -117,7 +117,7 @@ def test_an_fmu_with_source_only_is_built(ball: Path, tmp_path: Path, monkeypatc
     assert time.perf_counter() - again < 1.0
 
 
-def test_an_fmu_of_another_machine_is_refused_in_one_line(ball: Path, tmp_path: Path) -> None:
+def test_an_fmu_of_another_machine_is_refused_in_one_line(ball, tmp_path):
     fmu = export_fmu("Ball", tmp_path / "ball.fmu", sources=ball)
     foreign = copied(fmu, tmp_path / "win.fmu", "binaries/", "sources/")
     with zipfile.ZipFile(foreign, "a") as archive:
@@ -135,7 +135,7 @@ def test_an_fmu_of_another_machine_is_refused_in_one_line(ball: Path, tmp_path: 
         ("local", "constant", ""),
     ],
 )
-def test_why_a_name_cannot_be_fitted(causality: str, variability: str, told: str, ball: Path, tmp_path: Path) -> None:
+def test_why_a_name_cannot_be_fitted(causality, variability, told, ball, tmp_path):
     fmu = export_fmu("Ball", tmp_path / "ball.fmu", sources=ball)
     foreign = copied(fmu, tmp_path / "c.fmu", "modelDescription.xml")
     added = (
@@ -153,7 +153,7 @@ def test_why_a_name_cannot_be_fitted(causality: str, variability: str, told: str
     assert "no parameter nothing" in no_parameter_text(model, "nothing")
 
 
-def test_names_of_platforms(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_names_of_platforms(monkeypatch):
     assert platforms_called("") == (this_machine(),)
     with pytest.raises(InputError, match=r"win32.*linux64, win64, aarch64-linux, darwin64"):
         platforms_called("linux64, win32")
@@ -163,7 +163,7 @@ def test_names_of_platforms(monkeypatch: pytest.MonkeyPatch) -> None:
         platforms_called("all")
 
 
-def test_two_processors_share_one_file() -> None:
+def test_two_processors_share_one_file():
     """The header as Apple's fat.h has it: places and sizes lead to each library, at multiples of 16 KiB."""
     parts = {"x86_64-macos.11.0": b"intel" * 7000, "aarch64-macos.11.0": b"arm" * 9}
     whole = one_file(parts)

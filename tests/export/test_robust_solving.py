@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import math
-from pathlib import Path
 
 import fmpy
 import numpy as np
 import pytest
+from test_library_idioms import simulate
 
 from aero_bayes.errors import InputError
 from aero_bayes.modelica.compilers import export_fmu
@@ -17,10 +17,9 @@ from aero_bayes.modelica.syntax import Assign, Call, Expression, IfStatement, Na
 from aero_bayes.simulation.engines import open_simulator
 from aero_bayes.simulation.interface import Experiment, Outcome, Problem, SolverSettings
 from aero_bayes.simulation.model import Model
-from tests.export.test_library_idioms import simulate
 
 
-def test_initial_equations_are_solved_in_their_order(tmp_path: Path) -> None:
+def test_initial_equations_are_solved_in_their_order(tmp_path):
     """A chain that Newton's method cannot start at zero: each root is there once those before it are known."""
     text = """model Chain
   parameter Real given = 9;
@@ -42,7 +41,7 @@ end Chain;
     assert found["y"] == pytest.approx(8.0 + t / rate - (1.0 - np.exp(-rate * t)) / rate**2, abs=1e-7)
 
 
-def test_initial_equations_without_a_solution_are_an_error(tmp_path: Path) -> None:
+def test_initial_equations_without_a_solution_are_an_error(tmp_path):
     text = "model None_\n  Real x;\ninitial equation\n  x ^ 2 = -1;\nequation\n  der(x) = -x;\nend None_;\n"
     (tmp_path / "None_.mo").write_text(text, encoding="utf-8")
     fmu = export_fmu("None_", tmp_path / "n.fmu", sources=[tmp_path / "None_.mo"], compiler="embedded")
@@ -50,7 +49,7 @@ def test_initial_equations_without_a_solution_are_an_error(tmp_path: Path) -> No
         fmpy.simulate_fmu(str(fmu), stop_time=1.0)
 
 
-def test_a_linear_loop_whose_result_is_small_against_its_terms(tmp_path: Path) -> None:
+def test_a_linear_loop_whose_result_is_small_against_its_terms(tmp_path):
     """What rounding leaves of terms of 1e9 is far more than the result, which passes zero."""
     text = """model Small
   Real s = if time > 2 then 2 else 0.5;
@@ -67,7 +66,7 @@ end Small;
     assert found["y"] == pytest.approx(np.sin(10 * found["time"]) / 10 / 0.75, abs=1e-5)
 
 
-def test_a_loop_across_a_steep_step(tmp_path: Path) -> None:
+def test_a_loop_across_a_steep_step(tmp_path):
     """A drop before a resistor: full steps of Newton's method go from one side of the step to the other for ever."""
     text = """model Contact
   Real u = 5 * sin(7 * time), i;
@@ -85,7 +84,7 @@ end Contact;
     assert found["drop"][~outside] == pytest.approx(u[~outside], abs=0.02)
 
 
-def test_two_locked_frictions_share_the_load(tmp_path: Path) -> None:
+def test_two_locked_frictions_share_the_load(tmp_path):
     text = """model Shared
   parameter Real load = 3;
   Real v(start = 0, fixed = true), a, one, two;
@@ -104,7 +103,7 @@ end Shared;
     assert found["held"][:10] == pytest.approx(3.0, abs=1e-9)
 
 
-def test_locked_parts_that_contradict_each_other_have_no_solution(tmp_path: Path) -> None:
+def test_locked_parts_that_contradict_each_other_have_no_solution(tmp_path):
     text = """model Torn
   Real v(start = 0, fixed = true), a, one, two;
   Boolean locked = time < 0.5;
@@ -119,7 +118,7 @@ end Torn;
         simulate(tmp_path, "Torn", text, [])
 
 
-def test_co_simulation_holds_its_tolerance_for_small_states(tmp_path: Path) -> None:
+def test_co_simulation_holds_its_tolerance_for_small_states(tmp_path):
     text = """model Flux
   Real x(start = 1e-6, fixed = true), v(start = 0, fixed = true);
   output Real y = 1e6 * x;
@@ -132,7 +131,7 @@ end Flux;
     assert found["y"] == pytest.approx(np.cos(20 * found["time"]), abs=1e-4)
 
 
-def test_a_while_loop_that_a_condition_on_a_variable_ends(tmp_path: Path) -> None:
+def test_a_while_loop_that_a_condition_on_a_variable_ends(tmp_path):
     text = """model Turns
   function below
     input Real x;
@@ -164,7 +163,7 @@ def _plus_one(name: str) -> Assign:
     return Assign((Name(name),), Call("+", (Name(name), Number(1.0))))
 
 
-def test_a_while_loop_that_is_left_early() -> None:
+def test_a_while_loop_that_is_left_early():
     """``while k <= 3 loop if x < k then y := k; k := 3; end if; k := k + 1; end while``: the first k above x."""
     leave = (Assign((Name("y"),), Name("k")), Assign((Name("k"),), Number(3.0)))
     early = IfStatement(((Call("<", (Name("x"), Name("k"))), leave),), ())
@@ -173,12 +172,12 @@ def test_a_while_loop_that_is_left_early() -> None:
     assert [evaluate_nodes([y], {b.symbol("x"): x})[0] for x in (0.5, 1.5, 2.5, 3.5)] == [1.0, 2.0, 3.0, 0.0]
 
 
-def test_a_while_loop_without_an_end_in_sight_is_refused() -> None:
+def test_a_while_loop_without_an_end_in_sight_is_refused():
     with pytest.raises(InputError, match=r"while loop"):
         _scope(1.0, Call("<=", (Name("k"), Name("x"))), _plus_one("k"))
 
 
-def test_choices_are_every_value_that_branches_leave() -> None:
+def test_choices_are_every_value_that_branches_leave():
     b = Builder()
     c, d = b.symbol("c"), b.symbol("d")
     n = b.select(c, b.const(1.0), b.select(d, b.const(2.0), b.const(5.0)))
@@ -189,7 +188,7 @@ def test_choices_are_every_value_that_branches_leave() -> None:
     assert possible_values(b, b.const(math.pi)) == frozenset((math.pi,))
 
 
-def test_friction_that_comes_to_rest_is_stuck(tmp_path: Path) -> None:
+def test_friction_that_comes_to_rest_is_stuck(tmp_path):
     """Sliding backwards under a push that either direction of sliding would answer by turning round."""
     text = """model Rest
   parameter Real push = 1, hold = 3;
@@ -212,7 +211,7 @@ end Rest;
     assert found["y"] == pytest.approx(np.minimum(-2 + 4 * found["time"], 0.0), abs=1e-8)
 
 
-def test_an_initial_equation_is_about_the_states_that_it_names(tmp_path: Path) -> None:
+def test_an_initial_equation_is_about_the_states_that_it_names(tmp_path):
     """Two filters start where a reading is that depends on states that are free: these keep their own starts."""
     text = """model Filters
   Real one(start = 0.6), two(start = 0.25);
@@ -236,7 +235,7 @@ end Filters;
     assert [found["a"][0], found["b"][0]] == pytest.approx([1.55, 1.55], abs=1e-12)
 
 
-def test_a_root_that_ends_has_no_slope(tmp_path: Path) -> None:
+def test_a_root_that_ends_has_no_slope(tmp_path):
     """A tank that runs empty: beyond that its balance has a Jacobian of zero, not of infinity times nothing."""
     text = """model Tank
   Real h(start = 0.1, fixed = true);

@@ -48,7 +48,7 @@ def one_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.parametrize("name", ["OneDof", "HalfQuadLinear"])
-def test_the_same_rates_from_both_front_ends(one_file: Path, name: str) -> None:
+def test_the_same_rates_from_both_front_ends(one_file, name):
     full = f"Aero.Systems.{name}"
     other = api.transfer_model(str(one_file), full, {"replace_parameter_expressions": True, "cache": False})
     mine = explicit_model(full)

@@ -46,7 +46,7 @@ def outputs_of(model: str) -> list[str]:
     return re.findall(r"(\w+) = ", re.findall(r"output Real (.*);", text)[0])
 
 
-def test_there_are_thirty_models_of_six_domains() -> None:
+def test_there_are_thirty_models_of_six_domains():
     assert len(MODELS) == 30
     assert {re.sub(r"\d+", "", m) for m in MODELS} == {
         "Blocks", "Analog", "Rotational", "Translational", "Heat", "Magnetic",
@@ -54,7 +54,7 @@ def test_there_are_thirty_models_of_six_domains() -> None:
 
 
 @pytest.mark.parametrize("model", MODELS)
-def test_agrees_with_the_front_ends_simulator(model: str, tmp_path: Path) -> None:
+def test_agrees_with_the_front_ends_simulator(model, tmp_path):
     root = libraries()
     if root is None:
         pytest.skip("the Modelica Standard Library is not in MODELICAPATH or beside OpenModelica")
@@ -79,7 +79,7 @@ def test_agrees_with_the_front_ends_simulator(model: str, tmp_path: Path) -> Non
         assert np.max(np.abs(found[name] - at)) <= 1e-6 * max(np.ptp(values), 1e-12), name
 
 
-def test_a_library_that_is_missing_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_library_that_is_missing_is_named(tmp_path, monkeypatch):
     monkeypatch.setattr("aero_bayes.modelica.library._OWN", ())
     monkeypatch.delenv("MODELICAPATH", raising=False)
     monkeypatch.delenv("OPENMODELICAHOME", raising=False)
@@ -89,7 +89,7 @@ def test_a_library_that_is_missing_is_named(tmp_path: Path, monkeypatch: pytest.
         library_roots([tmp_path / "nowhere"])
 
 
-def test_libraries_are_found_by_name_and_version(modelica, tmp_path: Path) -> None:
+def test_libraries_are_found_by_name_and_version(modelica, tmp_path):
     for folder in ("Tanks 1.2.0", "Tanks 1.10.0", "Pumps"):
         (tmp_path / folder).mkdir()
         (tmp_path / folder / "package.mo").write_text("package P end P;", encoding="utf-8")
@@ -98,7 +98,7 @@ def test_libraries_are_found_by_name_and_version(modelica, tmp_path: Path) -> No
     assert {n: p.name for n, p in found.items()} == {"Tanks": "Tanks 1.10.0", "Pumps": "Pumps"}
 
 
-def test_a_package_may_use_a_library_that_its_first_file_does_not_name(tmp_path: Path) -> None:
+def test_a_package_may_use_a_library_that_its_first_file_does_not_name(tmp_path):
     """And units that are written by hand do not keep it from being read."""
     (tmp_path / "libraries").mkdir()
     (tmp_path / "libraries" / "Modelica.mo").write_text(

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -22,7 +20,7 @@ end Valve;
 """
 
 
-def test_boolean_and_integer_inputs(tmp_path: Path):
+def test_boolean_and_integer_inputs(tmp_path):
     (tmp_path / "Valve.mo").write_text(MODEL)
     model = aero_bayes.load_model(tmp_path / "Valve.mo")
     time = np.linspace(0.0, 4.0, 401)
@@ -41,7 +39,7 @@ def test_boolean_and_integer_inputs(tmp_path: Path):
     assert found.rms["y"] == pytest.approx(0.01, rel=0.15)
 
 
-def test_true_and_false_are_read(tmp_path: Path):
+def test_true_and_false_are_read(tmp_path):
     rows = [f"{0.1 * k:.1f},{'true' if k % 20 < 10 else 'FALSE'},{0.01 * k * k:.4f}" for k in range(40)]
     (tmp_path / "made.csv").write_text("\n".join(["time,open,y", *rows]) + "\n")
     found = read_recording(tmp_path / "made.csv", layout=Layout.of(["open"], ["y"]))

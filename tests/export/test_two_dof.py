@@ -27,7 +27,7 @@ def voltages(rng: np.random.Generator) -> dict[str, float]:
     return {"V_m": float(rng.uniform(-24, 24)), "V_t": float(rng.uniform(-24, 24))}
 
 
-def test_validates_and_shows_what_it_was_built_to_show(aero_fmu: Built) -> None:
+def test_validates_and_shows_what_it_was_built_to_show(aero_fmu):
     assert validate_fmu(str(aero_fmu("TwoDof"))) == []
     with driven(aero_fmu("TwoDof")) as fmu:
         assert set(fmu.states) == set(TWO_DOF_SCALES)
@@ -38,7 +38,7 @@ def test_validates_and_shows_what_it_was_built_to_show(aero_fmu: Built) -> None:
             assert (known[name].unit, float(known[name].min), float(known[name].max)) == ("V", -24.0, 24.0)
 
 
-def test_rates_equal_the_hand_written_equations(aero_fmu: Built) -> None:
+def test_rates_equal_the_hand_written_equations(aero_fmu):
     rng = np.random.default_rng(1)
     with driven(aero_fmu("TwoDof")) as fmu:
         fmu.begin()
@@ -51,7 +51,7 @@ def test_rates_equal_the_hand_written_equations(aero_fmu: Built) -> None:
             np.testing.assert_allclose(found, expected, rtol=1e-12, atol=1e-12 * np.abs(expected).max())
 
 
-def test_hand_written_equations_are_those_of_the_kinetic_energy() -> None:
+def test_hand_written_equations_are_those_of_the_kinetic_energy():
     """Euler and Lagrange: the rotors' angular momenta follow the axes, the thrusts push across the arms."""
     rng = np.random.default_rng(2)
     p, u, x = draw(rng), voltages(rng), somewhere(rng)
@@ -79,7 +79,7 @@ def test_hand_written_equations_are_those_of_the_kinetic_energy() -> None:
     np.testing.assert_allclose(np.array(left).ravel(), 0.0, atol=1e-13)
 
 
-def test_directional_derivatives_equal_differences(aero_fmu: Built) -> None:
+def test_directional_derivatives_equal_differences(aero_fmu):
     rng = np.random.default_rng(3)
     with driven(aero_fmu("TwoDof")) as fmu:
         fmu.begin()
@@ -106,9 +106,7 @@ def test_directional_derivatives_equal_differences(aero_fmu: Built) -> None:
 @pytest.mark.parametrize(
     ("voltage", "state", "sign"), [("V_m", "theta", 1), ("V_m", "psi", -1), ("V_t", "psi", 1), ("V_t", "theta", 1)]
 )
-def test_each_motor_turns_the_body_the_way_that_is_documented(
-    aero_fmu: Built, voltage: str, state: str, sign: int
-) -> None:
+def test_each_motor_turns_the_body_the_way_that_is_documented(aero_fmu, voltage, state, sign):
     with driven(aero_fmu("TwoDof")) as fmu:
         fmu.begin()
         fmu.set_all({voltage: 24.0})

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import random
 import re
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -16,17 +15,15 @@ from aero_bayes.errors import InputError
 from aero_bayes.modelica.compilers import export_fmu
 from aero_bayes.modelica.embedded import explicit_model
 
-Write = Callable[..., Path]
 
-
-def test_constants_that_meet_only_when_solved_are_one_line(modelica: Write) -> None:
+def test_constants_that_meet_only_when_solved_are_one_line(modelica):
     text = "model Met\n  Real x;\n  Real w;\nequation\n  der(x) = -x * log(w);\n  w = 0;\nend Met;\n"
     source = modelica(text)
     with pytest.raises(InputError, match=r"^Met\.mo:2: model Met: math domain error"):
         explicit_model("Met", [source])
 
 
-def test_a_byte_order_mark_is_read_and_another_encoding_refused(modelica: Write, tmp_path: Path) -> None:
+def test_a_byte_order_mark_is_read_and_another_encoding_refused(modelica, tmp_path):
     text = 'model Marked "Größe"\n  Real x;\nequation\n  der(x) = -x;\nend Marked;\n'
     assert explicit_model("Marked", [modelica(f"\ufeff{text}")]).states == ("x",)
     (tmp_path / "Marked.mo").write_bytes(f"// Latin-1\n{text}".encode("latin-1"))
@@ -36,7 +33,7 @@ def test_a_byte_order_mark_is_read_and_another_encoding_refused(modelica: Write,
         run_init(tmp_path / "Marked.mo", tmp_path / "Marked.mo", tmp_path / "rig.toml")
 
 
-def test_a_model_of_many_states_runs_as_co_simulation(modelica: Write, tmp_path: Path) -> None:
+def test_a_model_of_many_states_runs_as_co_simulation(modelica, tmp_path):
     """Its Jacobian is larger than a thread's stack."""
     source = modelica("""model Chain
   parameter Integer n = 1200;
@@ -55,7 +52,7 @@ end Chain;
 
 
 @pytest.mark.parametrize("seed", range(20))
-def test_errors_of_changed_files_name_file_and_line(seed: int, modelica: Write) -> None:
+def test_errors_of_changed_files_name_file_and_line(seed, modelica):
     rng = random.Random(seed)
     text = (Path(__file__).parents[1] / "models" / "Motor.mo").read_text("utf-8")
     tokens = [m.span() for m in re.finditer(r"\w+|[^\w\s]", text)]

@@ -22,8 +22,7 @@ from aero_bayes.modelica.edits import (
     replace_names,
     unified_diff,
 )
-from aero_bayes.modelica.parse import sides_of
-from aero_bayes.modelica.tokens import one_line, tokenize
+from aero_bayes.modelica.parse import one_line, sides_of, tokenize
 from aero_bayes.structure.find import is_driver
 from aero_bayes.structure.insertion_point import find_insertion_point
 
@@ -130,7 +129,7 @@ def same(cls: ClassText, known: Known, text: str) -> None:
 
 
 @pytest.mark.parametrize("seed", range(40))
-def test_random_sources_are_read_as_written_and_edited_in_place(seed: int) -> None:
+def test_random_sources_are_read_as_written_and_edited_in_place(seed):
     author = Author(np.random.default_rng(seed))
     text, known = author.write()
     (cls,) = read_classes(text)
@@ -170,7 +169,7 @@ def test_random_sources_are_read_as_written_and_edited_in_place(seed: int) -> No
     assert diff.startswith("--- a\n+++ b\n")
 
 
-def test_every_shipped_class_is_read() -> None:
+def test_every_shipped_class_is_read():
     """Every file of the packages and the test rigs: names match, equations end where they should."""
     files = [*RIGS.glob("*.mo"), *(RIGS.parents[1] / "modelica").rglob("*.mo")]
     assert len(files) > 80
@@ -206,7 +205,7 @@ def test_every_shipped_class_is_read() -> None:
         ("der(v) = der(v) - u", None),
     ],
 )
-def test_an_opposing_term_reads_as_a_person_would_write_it(equation: str, expected: str | None) -> None:
+def test_an_opposing_term_reads_as_a_person_would_write_it(equation, expected):
     """``n`` is negative, ``M`` and ``g`` are constants."""
     sides = sides_of(tokenize(equation))
     assert sides is not None
@@ -214,7 +213,7 @@ def test_an_opposing_term_reads_as_a_person_would_write_it(equation: str, expect
     assert (None if entry is None else apply_edits(equation, entry.insert("f"))) == expected
 
 
-def test_names_are_replaced_but_not_modifiers_or_members() -> None:
+def test_names_are_replaced_but_not_modifiers_or_members():
     text = "connect(u.p, s.u); y = u + f(u = u, g(u = 2 * u)) + a[u]; Part p(u = u, k = u)"
     edits = replace_names(tokenize(text), {"u": "law.y"}.get)
     assert apply_edits(text, edits) == (
@@ -222,7 +221,7 @@ def test_names_are_replaced_but_not_modifiers_or_members() -> None:
     )
 
 
-def test_comments_stay_with_what_they_speak_of() -> None:
+def test_comments_stay_with_what_they_speak_of():
     text = "model A\n  Real x; // position\n  Real v;\nequation\n  der(x) = v; // kinematics\n  /* on */\nend A;\n"
     (cls,) = read_classes(text)
     after = apply_edits(text, [*add_declarations(text, cls, ["Real w;"]), *add_equations(text, cls, ["w = x;"])])
@@ -232,7 +231,7 @@ def test_comments_stay_with_what_they_speak_of() -> None:
     )
 
 
-def test_a_class_without_equations_gets_a_section() -> None:
+def test_a_class_without_equations_gets_a_section():
     for tail in ("end A;\n", "  annotation (Icon());\nend A;\n"):
         text = "model A\n  Real x = 1;\n" + tail
         (cls,) = read_classes(text)
@@ -240,7 +239,7 @@ def test_a_class_without_equations_gets_a_section() -> None:
         assert after == "model A\n  Real x = 1;\nequation\n  y = x;\n" + tail
 
 
-def test_what_is_no_modelica_is_named_with_its_line() -> None:
+def test_what_is_no_modelica_is_named_with_its_line():
     with pytest.raises(InputError, match="line 3"):
         read_classes("model A\n  Real x;\n  $\nend A;")
     with pytest.raises(InputError, match="semicolon"):
@@ -249,11 +248,11 @@ def test_what_is_no_modelica_is_named_with_its_line() -> None:
         read_classes("model A\n  Real x;\n")
 
 
-def test_overlapping_edits_are_refused() -> None:
+def test_overlapping_edits_are_refused():
     with pytest.raises(ValueError, match="overlap"):
         apply_edits("abcdef", [TextEdit(0, 3, "x"), TextEdit(2, 4, "y")])
 
 
-def test_one_line_keeps_strings_and_drops_comments() -> None:
+def test_one_line_keeps_strings_and_drops_comments():
     text = 'f = k * v // drag\n    * v /* and\n more */ "two  blanks // here";'
     assert one_line(text) == 'f = k * v * v "two  blanks // here";'

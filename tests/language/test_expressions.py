@@ -9,7 +9,7 @@ import pytest
 from numpy.random import Generator
 
 from aero_bayes.errors import InputError
-from aero_bayes.modelica.parse import evaluate_expression, parse_expression, parse_text
+from aero_bayes.modelica.parse import evaluate_expression, parse_expression, parse_text, tokenize
 from aero_bayes.modelica.syntax import (
     Array,
     Call,
@@ -26,7 +26,6 @@ from aero_bayes.modelica.syntax import (
     summands,
     walk,
 )
-from aero_bayes.modelica.tokens import tokenize
 from aero_bayes.modelica.units import dimension, dimension_of_unit, unit_text
 
 pytestmark = pytest.mark.fast
@@ -66,7 +65,7 @@ def by_python(text: str) -> float:
 
 
 @pytest.mark.parametrize("seed", range(60))
-def test_random_expressions_have_the_values_and_places_of_their_text(seed: int) -> None:
+def test_random_expressions_have_the_values_and_places_of_their_text(seed):
     text = written(np.random.default_rng(seed), 4)
     tree = parse_text(text)
     value = by_python(text)
@@ -83,7 +82,7 @@ def test_random_expressions_have_the_values_and_places_of_their_text(seed: int) 
         assert parse_text(text[begin:end]) == part
 
 
-def test_what_modelica_has_beyond_arithmetic() -> None:
+def test_what_modelica_has_beyond_arithmetic():
     x, one = Name("x"), Number(1.0)
     expected = {
         "x[2 + 1, :].y[k]": "x[3,:].y[k]", "a.b.f(x)": "a.b.f(x)", "not a and b or c": "or(and(not(a), b), c)",
@@ -106,7 +105,7 @@ def test_what_modelica_has_beyond_arithmetic() -> None:
 
 
 @pytest.mark.parametrize("text", ["", "a +", "(a", "f(a b)", "a b", "if a then b", "{a for}", "x[", "* a", "a = b"])
-def test_what_is_no_expression_is_refused(text: str) -> None:
+def test_what_is_no_expression_is_refused(text):
     with pytest.raises(InputError, match=r"cannot read|is missing"):
         parse_text(text)
 
@@ -124,6 +123,6 @@ def test_what_is_no_expression_is_refused(text: str) -> None:
         ("if v > 0 then f else 0", ""),
     ],
 )
-def test_units_of_expressions(text: str, unit: str) -> None:
+def test_units_of_expressions(text, unit):
     units = {"m": "kg", "v": "m/s", "g": "m/s2", "c": "N.s/m", "f": "N"}
     assert unit_text(dimension(parse_text(text), lambda name: dimension_of_unit(units.get(name, "")))) == unit

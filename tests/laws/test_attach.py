@@ -81,7 +81,7 @@ def assert_equal(one, other, tolerance: float = 1e-7) -> None:
         ("Rlc", ["gain@u", "lag@u_C"]),
     ],
 )
-def test_an_attached_law_is_the_law_in_the_equations(rig: str, ids: list[str], here, tmp_path: Path) -> None:
+def test_an_attached_law_is_the_law_in_the_equations(rig, ids, here, tmp_path):
     found = family(rig, tmp_path, RIGS / f"{rig}.mo")
     ids = [id_ for id_ in found.placed if id_ in ids]
     offer = found.with_candidates(ids)
@@ -94,7 +94,7 @@ def test_an_attached_law_is_the_law_in_the_equations(rig: str, ids: list[str], h
     assert_equal(run(offer.model, given, here), run(Model.load(export_flat(inside, tmp_path / "in.fmu")), given, here))
 
 
-def test_laws_in_replaceable_models_are_attached_at_each_component(here, tmp_path: Path) -> None:
+def test_laws_in_replaceable_models_are_attached_at_each_component(here, tmp_path):
     """Both motors have the law: one parameter, two copies of it."""
     base = "Aero.Systems.OneDof"
     found = family(base, tmp_path)
@@ -120,7 +120,7 @@ end Slide;
 """
 
 
-def test_friction_attached_to_a_mass_slows_it_as_the_closed_form_says(here, modelica, tmp_path: Path) -> None:
+def test_friction_attached_to_a_mass_slows_it_as_the_closed_form_says(here, modelica, tmp_path):
     source = modelica(SLIDE)
     model = family("Slide", tmp_path, source).with_candidates(["viscous_friction@v"]).model
     assert [v.name for v in model.parameters] == ["m", "d"]
@@ -142,9 +142,7 @@ end Dependent;
 """
 
 
-def test_the_derivative_of_an_output_is_its_own_where_a_parameter_depends_on_others(
-    here, modelica, tmp_path: Path
-) -> None:
+def test_the_derivative_of_an_output_is_its_own_where_a_parameter_depends_on_others(here, modelica, tmp_path):
     source = modelica(DEPENDENT)
     model = Model.load(export_embedded("Dependent", tmp_path / "d.fmu", [source]))
     _, slopes = run(model, {"k": 3.0}, here)

@@ -47,7 +47,7 @@ def outputs(model: Model, given: dict[str, float], pool: WorkerPool) -> np.ndarr
 @pytest.mark.parametrize(
     "name", [n if n in QUICK else pytest.param(n, marks=pytest.mark.long) for n in NAMES]
 )  # fmt: skip
-def test_the_attached_model_is_the_written_one(name: str, here, tmp_path: Path) -> None:
+def test_the_attached_model_is_the_written_one(name, here, tmp_path):
     found = ModelicaFamily(LawPlaces("Rig", (RIGS / name / "Rig.mo",)), tmp_path / "built")
     candidates = found.places.candidates_for(None)
     for placed in place_laws(candidates, found.places.taken_names(), {}):

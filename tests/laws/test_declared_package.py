@@ -61,7 +61,7 @@ def sledge(rng: np.random.Generator, name: str, friction: float) -> Recording:
     return Recording(name, time, {"F": force}, {"y": y}, {"time": "s", "F": "N", "y": "m"})
 
 
-def test_priors_columns_and_reasons_come_from_the_package(tmp_path: Path) -> None:
+def test_priors_columns_and_reasons_come_from_the_package(tmp_path):
     model = load_model("Sledge.Rig", sources=[SLEDGE], folder=tmp_path)
     overrides = declared_overrides(model)
     assert list(overrides) == ["M", "R_a"]
@@ -76,7 +76,7 @@ def test_priors_columns_and_reasons_come_from_the_package(tmp_path: Path) -> Non
         read_recording(path, layout=layout)
 
 
-def test_only_a_model_that_extends_a_system_has_its_declaration(tmp_path: Path) -> None:
+def test_only_a_model_that_extends_a_system_has_its_declaration(tmp_path):
     for name, text in (("Loaded", EXTENDED), ("Stranger", STRANGER)):
         (tmp_path / f"{name}.mo").write_text(text)
     loaded = load_model("Loaded", sources=[SLEDGE, tmp_path / "Loaded.mo"])
@@ -92,7 +92,7 @@ def test_only_a_model_that_extends_a_system_has_its_declaration(tmp_path: Path) 
     assert [p.name for p in calibration.parameters] == ["R_a", "theta_start"], "no input delay of another rig"
 
 
-def test_an_fmu_of_another_tool_goes_by_its_name(tmp_path: Path) -> None:
+def test_an_fmu_of_another_tool_goes_by_its_name(tmp_path):
     """Without the member that this exporter adds, only a shipped system is known."""
     for name, sources, known in (("Aero.Systems.HalfQuad", [], 8), ("Sledge.Rig", [SLEDGE], 0)):
         made = export_fmu(name, tmp_path / "made.fmu", sources=sources)
@@ -104,7 +104,7 @@ def test_an_fmu_of_another_tool_goes_by_its_name(tmp_path: Path) -> None:
         assert len(declared_overrides(Model.load(tmp_path / "plain.fmu"))) == known
 
 
-def test_the_commands_take_it_from_there(tmp_path: Path) -> None:
+def test_the_commands_take_it_from_there(tmp_path):
     config = tmp_path / "rig.toml"
     config.write_text(f'[model]\nname = "Sledge.Rig"\nsources = ["{SLEDGE}"]\n')
     listed = CliRunner().invoke(main, ["ports", "--config", str(config), "--json"])
@@ -122,7 +122,7 @@ def test_the_commands_take_it_from_there(tmp_path: Path) -> None:
 
 
 @pytest.mark.long
-def test_the_loop_finds_an_effect_by_the_name_that_the_package_gives_it(tmp_path: Path) -> None:
+def test_the_loop_finds_an_effect_by_the_name_that_the_package_gives_it(tmp_path):
     streams = np.random.default_rng(2).spawn(2)
     train, test = (sledge(rng, name, 0.6) for name, rng in zip(("train", "test"), streams, strict=True))
     settings = LoopSettings()
@@ -137,7 +137,7 @@ def test_the_loop_finds_an_effect_by_the_name_that_the_package_gives_it(tmp_path
 
 
 @pytest.mark.long
-def test_without_declaration_the_law_is_found_at_the_replaceable_model(tmp_path: Path) -> None:
+def test_without_declaration_the_law_is_found_at_the_replaceable_model(tmp_path):
     package = tmp_path / "Sledge"
     package.mkdir()
     shutil.copy(SLEDGE / "package.mo", package)
@@ -152,7 +152,7 @@ def test_without_declaration_the_law_is_found_at_the_replaceable_model(tmp_path:
     assert friction.value == pytest.approx(0.6, abs=5 * friction.sd + 0.02)
 
 
-def test_a_declaration_with_a_mistake_is_refused(tmp_path: Path) -> None:
+def test_a_declaration_with_a_mistake_is_refused(tmp_path):
     package = tmp_path / "Sledge"
     shutil.copytree(SLEDGE, package)
     text = (package / "package.toml").read_text()

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -18,8 +17,7 @@ from aero_bayes.simulation.model import Model
 from aero_bayes.simulation.native_simulator import NativeSimulator
 from aero_bayes.simulation.workers import WorkerPool
 from aero_bayes.structure.candidates import Candidate, place_law, ports_with_laws
-from aero_bayes.structure.law import Law
-from aero_bayes.structure.model_family import fitted_parameters
+from aero_bayes.structure.modelica_family import fitted_parameters
 from aero_bayes.structure.write_model import write_laws
 
 ROOM = """model Room
@@ -71,9 +69,7 @@ CASES: dict[str, tuple[str, str, dict[str, float], float, float, Rates, Sequence
 
 
 @pytest.mark.parametrize("name", list(CASES))
-def test_an_element_is_the_scipy_solution_and_off_the_model_as_it_was(
-    name: str, laws: tuple[Law, ...], tmp_path: Path
-) -> None:
+def test_an_element_is_the_scipy_solution_and_off_the_model_as_it_was(name, laws, tmp_path):
     text, id_, values, before, duration, rates, start, reading = CASES[name]
     path = tmp_path / f"{name}.mo"
     path.write_text(text, encoding="utf-8")

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from closed_form import damped_stops
 from facts import facts
-from numpy.random import Generator
 from small_rigs import Numbers, explicit, rig
 
 from aero_bayes.errors import InputError
@@ -19,8 +18,8 @@ from aero_bayes.modelica.expression import evaluate_nodes
 from aero_bayes.modelica.flat import FlatEquation
 from aero_bayes.modelica.syntax import Call, Name, Number
 from aero_bayes.structure.candidates import Candidate, place_law, ports_with_laws
-from aero_bayes.structure.compose import LawModels, compose_law, law_models
-from aero_bayes.structure.law import LAW_INTERFACES, Law, read_laws
+from aero_bayes.structure.compose import compose_law, law_models
+from aero_bayes.structure.law import LAW_INTERFACES, read_laws
 
 pytestmark = pytest.mark.fast
 
@@ -114,7 +113,7 @@ CLOSED: dict[tuple[str, str], Callable[..., float]] = {
 UNFELT_AT_ZERO = {"saturation", "saturation_by_side", "unsigned", "fine_position_curve", "hysteresis"}
 
 
-def test_the_library_has_every_law_that_is_listed(laws: tuple[Law, ...]) -> None:
+def test_the_library_has_every_law_that_is_listed(laws):
     found: dict[str, list[str]] = {}
     for law in laws:
         found.setdefault(law.kind, []).append(law.id)
@@ -126,18 +125,18 @@ def test_the_library_has_every_law_that_is_listed(laws: tuple[Law, ...]) -> None
     ("flow", "level", "unit"),
     [("kg/(s.m3)", "g/l", "1/s"), ("l/min", "m", "l/(min.m)"), ("W", "K", "W/K"), ("m3/s", "m", "m2/s")],
 )
-def test_a_parameters_unit_is_as_plain_as_the_ports(flow: str, level: str, unit: str, laws: tuple[Law, ...]) -> None:
+def test_a_parameters_unit_is_as_plain_as_the_ports(flow, level, unit, laws):
     law = next(law for law in laws if (law.kind, law.id) == ("storage", "linear_loss"))
     assert law.magnitude.unit({"q_n": flow, "h_n": level, "t_n": "s"}) == unit
 
 
-def test_ids_are_snake_case() -> None:
+def test_ids_are_snake_case():
     assert [snake_case(n) for n in ("CoulombFriction", "Lag", "ACDrop", "RateLimit2")] == [
         "coulomb_friction", "lag", "ac_drop", "rate_limit2",
     ]  # fmt: skip
 
 
-def test_attributes_are_ordered_and_scale_with_the_port(laws: tuple[Law, ...]) -> None:
+def test_attributes_are_ordered_and_scale_with_the_port(laws):
     for law in laws:
         sizes = {**law.nominals, **{k: v for k, v in SIZES.items() if k in law.nominals}}
         for p in law.parameters:
@@ -151,9 +150,7 @@ def test_attributes_are_ordered_and_scale_with_the_port(laws: tuple[Law, ...]) -
 
 
 @pytest.mark.parametrize("key", sorted(CLOSED))
-def test_a_law_is_its_closed_form(
-    key: tuple[str, str], laws: tuple[Law, ...], models: LawModels, rng: Generator
-) -> None:
+def test_a_law_is_its_closed_form(key, laws, models, rng):
     law = next(law for law in laws if (law.kind, law.id) == key)
     model = explicit(models[key])
     b = model.system.builder
@@ -176,9 +173,7 @@ def test_a_law_is_its_closed_form(
         ) or (min(abs(v / size) for v, size in zip(above.values(), typical.values(), strict=True)) < 5e-3)
 
 
-def test_every_law_is_off_at_its_default_and_felt_when_switched_on(
-    laws: tuple[Law, ...], models: LawModels, rng: Generator
-) -> None:
+def test_every_law_is_off_at_its_default_and_felt_when_switched_on(laws, models, rng):
     """At the default the model is the base; the slope beside it is right, and of the size of the law itself."""
     cart, tanks, circuit = (rig(m) for m in ("Cart", "TankPair", "Rlc"))
     special = {"radiation": rig("Bodies.Pair"), "unbalance": rig("Pendulum")}
@@ -245,9 +240,7 @@ TRANSFER: dict[str, tuple[float, dict[str, float], Callable[[complex], complex]]
         ("motion", "attached_mass"),
     ],
 )  # fmt: skip
-def test_a_linear_law_with_states_has_its_transfer_function(
-    kind: str, law_id: str, laws: tuple[Law, ...], models: LawModels
-) -> None:
+def test_a_linear_law_with_states_has_its_transfer_function(kind, law_id, laws, models):
     """By the linear state space of the law alone, for an output with its rate as input."""
     law = next(law for law in laws if (law.kind, law.id) == (kind, law_id))
     w, own, exact = TRANSFER[law_id]
@@ -273,7 +266,7 @@ def test_a_linear_law_with_states_has_its_transfer_function(
     assert response == pytest.approx(exact(s), rel=2e-3)
 
 
-def test_a_users_law_needs_no_python(modelica) -> None:
+def test_a_users_law_needs_no_python(modelica):
     own = modelica("""package Mine "Laws of my rig"
   partial model Friction "A base of its own"
     extends Laws.Interfaces.MotionLaw;
@@ -312,7 +305,7 @@ end Mine;
         read_laws([own])
 
 
-def test_every_partial_model_has_a_shape() -> None:
+def test_every_partial_model_has_a_shape():
     from aero_bayes.modelica.library import modelica_root
 
     folder = modelica_root() / "Laws" / "Interfaces"

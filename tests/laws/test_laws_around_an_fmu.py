@@ -36,9 +36,9 @@ from aero_bayes.simulation.model import Model
 from aero_bayes.structure.attach import LawBlocks, attached
 from aero_bayes.structure.balance import Port
 from aero_bayes.structure.candidates import PlacedLaw, find_candidates, place_law, ports_with_laws
-from aero_bayes.structure.compose import LawModels, compose_laws
+from aero_bayes.structure.compose import compose_laws
 from aero_bayes.structure.coupled_fmu import couple
-from aero_bayes.structure.fmu_ports import FmuPlaces
+from aero_bayes.structure.fmu_family import FmuPlaces
 from aero_bayes.structure.law import Law
 
 FloatArray = NDArray[np.float64]
@@ -85,9 +85,7 @@ def run(path: Path) -> tuple[FloatArray, FloatArray]:
     return found.outputs[0][0], found.sensitivities[0][0]
 
 
-def test_laws_around_an_fmu_are_the_laws_in_its_source(
-    laws: tuple[Law, ...], models: LawModels, tmp_path: Path
-) -> None:
+def test_laws_around_an_fmu_are_the_laws_in_its_source(laws, models, tmp_path):
     """Two implementations: the chain rule between two binaries, and one system of equations."""
     plant = exported(tmp_path)
     flat = rig("Plant")
@@ -121,7 +119,7 @@ def measure(rng: Generator, seconds: float = 8.0) -> FloatArray:
 
 
 @pytest.mark.long
-def test_the_loop_finds_what_an_fmu_lacks(plant: Model, modelica, tmp_path: Path, rng: Generator) -> None:
+def test_the_loop_finds_what_an_fmu_lacks(plant, modelica, tmp_path, rng):
     for name in ("train", "test"):
         np.savetxt(tmp_path / f"{name}.csv", measure(rng), delimiter=",", header="time,u,x", comments="")
     config = tmp_path / "rig.toml"
@@ -168,7 +166,7 @@ def test_the_loop_finds_what_an_fmu_lacks(plant: Model, modelica, tmp_path: Path
     assert level == pytest.approx((1.0 - found["value"]) / 10.0, rel=2e-3)  # FMPy leaves the values in the SSD aside
 
 
-def test_an_fmu_with_co_simulation_only_is_refused(plant: Model, tmp_path: Path) -> None:
+def test_an_fmu_with_co_simulation_only_is_refused(plant, tmp_path):
     path = tmp_path / "Steps.fmu"
     with zipfile.ZipFile(plant.path) as old, zipfile.ZipFile(path, "w") as new:
         for name in old.namelist():
@@ -181,7 +179,7 @@ def test_an_fmu_with_co_simulation_only_is_refused(plant: Model, tmp_path: Path)
     assert re.search(facts("Model Exchange"), done.output)
 
 
-def test_every_input_and_output_is_a_port(plant: Model) -> None:
+def test_every_input_and_output_is_a_port(plant):
     ports = {p.id: p for p in FmuPlaces("Plant", fmu=plant.path).ports}
     assert {k: p.kind for k, p in ports.items()} == {"u": "input", "x": "reading", "a": "reading", "v": "motion"}
     assert {"gain", "offset", "dead_zone", "saturation", "lag", "delay"} <= {*ports["u"].laws}
@@ -192,7 +190,7 @@ def test_every_input_and_output_is_a_port(plant: Model) -> None:
     assert ports["v"].signals == {"v": "v_inside", "x": "x_inside"}
 
 
-def test_a_wrong_law_is_named(plant: Model, tmp_path: Path) -> None:
+def test_a_wrong_law_is_named(plant, tmp_path):
     from aero_bayes.structure.law_places import CandidateFilter
 
     places = FmuPlaces("Plant", candidate_filter=CandidateFilter(laws=("deadzone",)), fmu=plant.path)

@@ -49,7 +49,7 @@ def family(tmp_path_factory) -> ModelicaFamily:
     return ModelicaFamily(LawPlaces("Plate", (folder / "Plate.mo",)), folder)
 
 
-def test_a_delay_of_a_recorded_input_moves_it_and_is_written_as_a_law(family: ModelicaFamily, tmp_path) -> None:
+def test_a_delay_of_a_recorded_input_moves_it_and_is_written_as_a_law(family, tmp_path):
     power, exact = plate(DELAY)
     read = exact + NOISE * np.random.default_rng(4).standard_normal(TIME.size)
     plain = family.base_model()

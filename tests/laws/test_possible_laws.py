@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 from small_rigs import RIGS, rig
@@ -26,7 +24,7 @@ def of(laws: tuple[Law, ...], kind: str, id_: str) -> Law:
 @pytest.mark.parametrize(
     ("unit", "amount"), [("deg", False), ("rpm", False), ("N", False), ("m", True), ("V", True), ("", True)]
 )
-def test_only_amounts_leak_and_spill(unit: str, amount: bool, laws: tuple[Law, ...], modelica) -> None:
+def test_only_amounts_leak_and_spill(unit, amount, laws, modelica):
     path = modelica(f"""model Lag
   parameter Real T(unit = "s") = 0.1;
   input Real u(unit = "{unit}");
@@ -46,7 +44,7 @@ end Lag;
 
 
 @pytest.mark.parametrize(("unit", "offered"), [("degC", False), ("K", True)])
-def test_a_square_of_degrees_celsius_is_no_loss(unit: str, offered: bool, laws: tuple[Law, ...], modelica) -> None:
+def test_a_square_of_degrees_celsius_is_no_loss(unit, offered, laws, modelica):
     path = modelica(f"""model Body
   parameter Real C(unit = "J/K") = 10;
   input Real u(unit = "W");
@@ -61,7 +59,7 @@ end Body;
     assert not {"overflow", "root_loss"} & set(port.laws)
 
 
-def test_laws_by_side_need_both_signs_and_readings_without_a_sign_none(laws: tuple[Law, ...]) -> None:
+def test_laws_by_side_need_both_signs_and_readings_without_a_sign_none(laws):
     directions, unsigned = of(laws, "motion", "friction_by_direction"), of(laws, "output", "unsigned")
     spilling, spring = of(laws, "overflow", "overflow"), of(laws, "motion", "cubic_stiffness")
     assert is_possible(directions, {"v_low": -2.0, "v_high": 3.0})
@@ -74,7 +72,7 @@ def test_laws_by_side_need_both_signs_and_readings_without_a_sign_none(laws: tup
     assert is_possible(spring, {"v_low": 0.0, "v_high": 3.0})
 
 
-def test_a_curve_needs_a_signal_that_comes_back(laws: tuple[Law, ...]) -> None:
+def test_a_curve_needs_a_signal_that_comes_back(laws):
     """Over a signal that passes each value once a curve is one over time, and explains anything."""
     t = np.linspace(0.0, 1.0, 500)
     falls, noise = 2.0 - 3.0 * t, 0.01 * np.random.default_rng(1).normal(size=500)
@@ -91,7 +89,7 @@ def test_a_curve_needs_a_signal_that_comes_back(laws: tuple[Law, ...]) -> None:
 
 
 @pytest.mark.parametrize("bounces", [False, True])
-def test_a_contact_yields_only_where_the_motion_turns(bounces: bool, tmp_path: Path) -> None:
+def test_a_contact_yields_only_where_the_motion_turns(bounces, tmp_path):
     """The fit of free fall to a ball that the air slows down throws it upwards first; its readings only fall."""
     path = RIGS / "Falling.mo"
     time = np.arange(60) / 15.0
@@ -109,7 +107,7 @@ def test_a_contact_yields_only_where_the_motion_turns(bounces: bool, tmp_path: P
     assert ("presliding_friction@v" in ids) is ("friction_by_direction@v" in ids) is bounces
 
 
-def test_thresholds_lie_within_what_is_visited(laws: tuple[Law, ...]) -> None:
+def test_thresholds_lie_within_what_is_visited(laws):
     sizes = dict.fromkeys(("f_n", "v_n", "x_n", "x_w", "t_n", "u_n", "w_n"), 1.0) | {"x_0": 0.0}
     for kind, id_, name in (
         ("input", "dead_zone", "u_d"), ("input", "hysteresis", "u_p"), ("motion", "end_stop", "x_s"),

@@ -146,7 +146,7 @@ def at(model: ExplicitModel, x: float, v: float) -> tuple[float, float]:
     return rate, reading
 
 
-def test_ports_and_laws_come_from_the_text(source: Path) -> None:
+def test_ports_and_laws_come_from_the_text(source):
     places = LawPlaces("Circuit.Rig", (source,))
     rows = {row["id"]: row for row in port_table(places.replaceables)}
     assert {id_: row["laws"] for id_, row in rows.items()} == {
@@ -161,7 +161,7 @@ def test_ports_and_laws_come_from_the_text(source: Path) -> None:
     assert {p.id for p in places.ports} >= {"V", "w", "link", "reading"}
 
 
-def test_laws_in_one_place_act_one_after_the_other(source: Path) -> None:
+def test_laws_in_one_place_act_one_after_the_other(source):
     values = {"contact@link": {"R_c": 3.0}, "battery@link": {"V_b": 0.7}}
     values |= {"shifted@reading": {"b": 0.2}, "scaled@reading": {"g": 0.1}}
     found = written(source, values)
@@ -170,7 +170,7 @@ def test_laws_in_one_place_act_one_after_the_other(source: Path) -> None:
     assert reading == pytest.approx((1.5 + 0.2) * 1.1, rel=1e-12)
 
 
-def test_laws_in_a_replaceable_model_and_at_a_port_stand_in_one_file(source: Path) -> None:
+def test_laws_in_a_replaceable_model_and_at_a_port_stand_in_one_file(source):
     found = written(source, {"contact@link": {"R_c": 3.0}, "offset@V": {"b": 0.5}})
     assert found.text.count("\nend ") == 2
     rate, _ = at(explicit_model(found.name, [source, found.path]), 1.5, 9.0)
@@ -188,7 +188,7 @@ def fitted(family: ModelicaFamily) -> Fit:
     return found
 
 
-def test_what_is_offered_is_what_is_written(source: Path) -> None:
+def test_what_is_offered_is_what_is_written(source):
     family = ModelicaFamily(LawPlaces("Circuit.Rig", (source,)), source.parent / "fmu")
     found = fitted(family)
     ids = ["contact@link", "offset@V"]
@@ -212,7 +212,7 @@ def simulated(found: Fit, family: ModelicaFamily, model: Model, values: dict[str
     return values_seen
 
 
-def test_where_the_text_does_not_say_how_laws_go_together_one_fits_alone(source: Path) -> None:
+def test_where_the_text_does_not_say_how_laws_go_together_one_fits_alone(source):
     """A neutral class that says it in another way."""
     source.write_text(CIRCUIT.replace("    y = u;\n", "    y - u = 0;\n"), encoding="utf-8")
     assert written(source, {"shifted@reading": {"b": 0.2}}).name == "Rig_shifted"

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from facts import facts
 from fmpy import simulate_fmu
-from numpy.random import Generator
 from numpy.typing import NDArray
 from small_rigs import RIGS, Numbers, explicit, rig, somewhere
 from written_laws import SIZES, agree, uses_at
@@ -18,13 +17,12 @@ from aero_bayes.errors import InputError
 from aero_bayes.modelica.compilers import export_fmu
 from aero_bayes.modelica.embedded import export_flat
 from aero_bayes.modelica.rumoca_front import load_flat
-from aero_bayes.simulation.interface import Experiment, InputSignal, Interpolation, Problem, SolverSettings
+from aero_bayes.simulation.interface import Experiment, InputSignal, Problem, SolverSettings
 from aero_bayes.simulation.model import Model
 from aero_bayes.simulation.native_simulator import NativeSimulator
 from aero_bayes.simulation.workers import WorkerPool
 from aero_bayes.structure.candidates import find_candidates, place_law, ports_with_laws
-from aero_bayes.structure.compose import LawModels, compose_laws
-from aero_bayes.structure.law import Law
+from aero_bayes.structure.compose import compose_laws
 from aero_bayes.structure.law_places import LawPlaces
 from aero_bayes.structure.modelica_family import ModelicaFamily
 from aero_bayes.structure.write_model import write_laws
@@ -46,9 +44,7 @@ ONE_OF_EACH = [
 
 
 @pytest.mark.parametrize(("model", "id_"), ONE_OF_EACH)
-def test_a_written_law_is_the_composed_one(
-    model: str, id_: str, laws: tuple[Law, ...], models: LawModels, tmp_path: Path, rng: Generator
-) -> None:
+def test_a_written_law_is_the_composed_one(model, id_, laws, models, tmp_path, rng):
     flat = rig(model)
     sources = [RIGS / f"{model.partition('.')[0]}.mo"]
     agree(model, sources, uses_at(flat, laws, id_), models, tmp_path, rng)
@@ -62,14 +58,12 @@ def test_a_written_law_is_the_composed_one(
         ("Shaft.Motor", ("lag@V", "heating@inductor.p", "viscous_friction@load.a", "coulomb_friction@rotor.a")),
     ],
 )
-def test_several_laws_at_once(
-    model: str, ids: tuple[str, ...], laws: tuple[Law, ...], models: LawModels, tmp_path: Path, rng: Generator
-) -> None:
+def test_several_laws_at_once(model, ids, laws, models, tmp_path, rng):
     sources = [RIGS / f"{model.partition('.')[0]}.mo"]
     agree(model, sources, uses_at(rig(model), laws, *ids), models, tmp_path, rng)
 
 
-def test_the_users_text_is_kept(laws: tuple[Law, ...], tmp_path: Path) -> None:
+def test_the_users_text_is_kept(laws, tmp_path):
     flat = rig("Cart")
     written = write_laws([RIGS / "Cart.mo"], "Cart", flat, uses_at(flat, laws, "coulomb_friction@v"), tmp_path)
     gone = [line[1:] for line in written.diff.splitlines() if line.startswith("-") and not line.startswith("---")]
@@ -87,7 +81,7 @@ def test_the_users_text_is_kept(laws: tuple[Law, ...], tmp_path: Path) -> None:
     assert written.path.read_text(encoding="utf-8") == written.text
 
 
-def test_a_law_at_a_connector_extends_one_in_series_splits_a_connection(laws: tuple[Law, ...], tmp_path: Path) -> None:
+def test_a_law_at_a_connector_extends_one_in_series_splits_a_connection(laws, tmp_path):
     flat = rig("Shaft.Motor")
     sources = [RIGS / "Shaft.mo"]
     node = write_laws(sources, "Shaft.Motor", flat, uses_at(flat, laws, "coulomb_friction@load.a"), tmp_path)
@@ -103,16 +97,14 @@ def test_a_law_at_a_connector_extends_one_in_series_splits_a_connection(laws: tu
     ]
 
 
-def test_names_that_are_taken_get_the_ports_name(laws: tuple[Law, ...]) -> None:
+def test_names_that_are_taken_get_the_ports_name(laws):
     flat = rig("Pendulum")  # has a parameter d
     (placed,) = uses_at(flat, laws, "viscous_friction@w")
     assert placed.names == {"d": "d_w"}
     assert placed.unit(placed.law.magnitude) == "N.m.s/rad"
 
 
-def test_outputs_that_are_states_and_readings_that_feed_back(
-    laws: tuple[Law, ...], models: LawModels, modelica, tmp_path: Path, rng: Generator
-) -> None:
+def test_outputs_that_are_states_and_readings_that_feed_back(laws, models, modelica, tmp_path, rng):
     """The reading changes, what the rig does with the true quantity does not."""
     path = modelica("""model Level
   input Real u(unit = "m3/s");
@@ -137,9 +129,7 @@ end Other;
     assert found["h"] == pytest.approx(point["offset.u"] + 0.1 * SIZES["u_n"])
 
 
-def test_a_class_of_a_package_keeps_its_meanings(
-    laws: tuple[Law, ...], models: LawModels, tmp_path: Path, rng: Generator
-) -> None:
+def test_a_class_of_a_package_keeps_its_meanings(laws, models, tmp_path, rng):
     """Short names, imports and constants of the packages around a class still mean the same in its copy."""
     folder = tmp_path / "Bench"
     (folder / "Rigs").mkdir(parents=True)
@@ -248,9 +238,7 @@ end Blocks;
 """
 
 
-def test_balances_inside_components_and_of_base_classes(
-    laws: tuple[Law, ...], models: LawModels, modelica, tmp_path: Path, rng: Generator
-) -> None:
+def test_balances_inside_components_and_of_base_classes(laws, models, modelica, tmp_path, rng):
     """The classes on the way are copied, with their base classes written out; what is not on it stays a reference."""
     path = modelica(BLOCKS)
     flat = rig("Blocks.Rig", str(path))
@@ -271,9 +259,7 @@ def test_balances_inside_components_and_of_base_classes(
     assert dict(zip(starts.states, [n.value for n in starts.starts], strict=True))["T"] == 4.0
 
 
-def test_a_class_of_a_library_gets_a_wrapper_or_a_copy(
-    laws: tuple[Law, ...], models: LawModels, modelica, tmp_path: Path
-) -> None:
+def test_a_class_of_a_library_gets_a_wrapper_or_a_copy(laws, models, modelica, tmp_path):
     """Nothing is written into the library, and it is still needed to load what was written."""
     library = tmp_path / "library"
     library.mkdir()
@@ -291,9 +277,7 @@ def test_a_class_of_a_library_gets_a_wrapper_or_a_copy(
     assert [p.name for p in library.iterdir()] == ["Shaft.mo"]
 
 
-def test_components_declared_together_part_where_one_changes(
-    laws: tuple[Law, ...], models: LawModels, modelica, tmp_path: Path, rng: Generator
-) -> None:
+def test_components_declared_together_part_where_one_changes(laws, models, modelica, tmp_path, rng):
     path = modelica(
         """model Part
   Real x(start = 0, fixed = true);
@@ -316,7 +300,7 @@ end Loose;
     agree("Loose", [path], both, models, tmp_path / "out", rng)
 
 
-def test_what_cannot_be_written_is_said(laws: tuple[Law, ...], modelica, tmp_path: Path) -> None:
+def test_what_cannot_be_written_is_said(laws, modelica, tmp_path):
     path = modelica("""model Branch
   parameter Boolean quick = true;
   Real x(start = 1, fixed = true);
@@ -340,9 +324,7 @@ end Branch;
     ("model", "id_", "output"),
     [("Cart", "end_stop@v", "q"), ("Shaft.Motor", "heating@inductor.p", "speed")],
 )
-def test_the_written_model_moves_like_the_composed_one(
-    model: str, id_: str, output: str, laws: tuple[Law, ...], models: LawModels, tmp_path: Path
-) -> None:
+def test_the_written_model_moves_like_the_composed_one(model, id_, output, laws, models, tmp_path):
     """Two FMUs, one from the flat model and one from the written source: equal to 1e-9 of the range."""
     flat, sources = rig(model), [RIGS / f"{model.partition('.')[0]}.mo"]
     placed_laws = uses_at(flat, laws, id_)
@@ -364,7 +346,7 @@ def test_the_written_model_moves_like_the_composed_one(
 
 
 @pytest.mark.parametrize("law", ["Lag(T_l = 0.3)", "Delay(T_d = 0.3)", "RateLimit(r = 4)", "Hysteresis(s_p = 0.5)"])
-def test_an_actuator_starts_where_its_input_does(law: str, tmp_path: Path) -> None:
+def test_an_actuator_starts_where_its_input_does(law, tmp_path):
     """Of an input that is 3 from the start, and stays, nothing is held back."""
     time = np.linspace(0.0, 2.0, 41)
     found = acted(law, InputSignal("u", np.array([0.0, 1.0]), np.array([3.0, 3.5])), time, tmp_path)
@@ -373,7 +355,7 @@ def test_an_actuator_starts_where_its_input_does(law: str, tmp_path: Path) -> No
 
 
 @pytest.mark.parametrize("between", ["linear", "hold"])
-def test_a_play_is_pushed_by_its_ends(between: Interpolation, tmp_path: Path) -> None:
+def test_a_play_is_pushed_by_its_ends(between, tmp_path):
     """Against the operator by its definition: max(u - w, min(u + w, what it was)); long within its ends, too."""
     rng = np.random.default_rng(4)
     pushed, within = rng.uniform(-2.0, 2.0, 60), rng.uniform(-0.35, 0.35, 2000)
@@ -415,7 +397,7 @@ end Settled;
         return simulator.simulate(np.zeros((1, 0))).outputs[0][0][:, 0]
 
 
-def test_a_second_reader_takes_the_written_text(laws: tuple[Law, ...], tmp_path: Path) -> None:
+def test_a_second_reader_takes_the_written_text(laws, tmp_path):
     """pymoca's grammar, which shares nothing with the reader here."""
     parser = pytest.importorskip("pymoca.parser", reason="the second reader, pymoca, is not installed")
     for model, id_ in (("Cart", "delay@q"), ("TankPair", "overflow@h1"), ("Shaft.Motor", "contact_drop@inductor.p")):
@@ -427,7 +409,7 @@ def test_a_second_reader_takes_the_written_text(laws: tuple[Law, ...], tmp_path:
         assert written.name in tree.classes
 
 
-def test_the_library_is_read_by_a_second_reader() -> None:
+def test_the_library_is_read_by_a_second_reader():
     parser = pytest.importorskip("pymoca.parser", reason="the second reader, pymoca, is not installed")
     files = sorted((RIGS.parents[1] / "modelica" / "Laws").rglob("*Law.mo"))
     assert len(files) >= 7
@@ -438,7 +420,7 @@ def test_the_library_is_read_by_a_second_reader() -> None:
         assert path.stem in tree.classes
 
 
-def test_readings_that_are_states_take_inputs_at_once_or_are_connected(modelica, tmp_path: Path) -> None:
+def test_readings_that_are_states_take_inputs_at_once_or_are_connected(modelica, tmp_path):
     """What the reading was is found again: after a modifier of the same name, by its aliases, without its rate."""
     path = modelica("""package Read
   connector Out = output Real;
@@ -477,7 +459,7 @@ end Read;
     assert same["plant.i"] == same["i"]
 
 
-def test_only_what_can_be_written_is_tried(laws: tuple[Law, ...], tmp_path: Path) -> None:
+def test_only_what_can_be_written_is_tried(laws, tmp_path):
     """A balance that only stands in a component as rows of a matrix equation need not stop a search."""
     (tmp_path / "Filter.mo").write_text(
         """package Filter

@@ -16,7 +16,7 @@ from aero_bayes.modelica.flat import FlatModel
 from aero_bayes.modelica.rumoca_front import load_flat
 from aero_bayes.modelica.syntax import Call, Name, Number
 from aero_bayes.structure.candidates import PlacedLaw, find_candidates, place_law, ports_with_laws
-from aero_bayes.structure.compose import LawModels, compose_laws
+from aero_bayes.structure.compose import compose_laws
 from aero_bayes.structure.law import Law
 from aero_bayes.structure.write_model import write_laws
 
@@ -100,7 +100,7 @@ def moved(fmu: Path, inputs: Mapping[str, float]) -> NDArray[np.float64]:
 
 
 @pytest.mark.parametrize("form", FORMS)
-def test_laws_at_elements(form: str, laws: tuple[Law, ...], models: LawModels, modelica, tmp_path: Path) -> None:
+def test_laws_at_elements(form, laws, models, modelica, tmp_path):
     """A gain and an offset of inputs are other inputs; those of readings are done to the readings."""
     path = modelica(FORMS[form])
     name = "Rims.Rig" if "Rims" in FORMS[form] else "Rig"
@@ -122,7 +122,7 @@ def test_laws_at_elements(form: str, laws: tuple[Law, ...], models: LawModels, m
     assert np.abs(moved(export_flat(again, tmp_path / "written.fmu"), given) - expected).max() < 1e-6
 
 
-def test_two_laws_at_one_element(laws: tuple[Law, ...], models: LawModels, modelica, tmp_path: Path) -> None:
+def test_two_laws_at_one_element(laws, models, modelica, tmp_path):
     """The last one is the outermost: an offset before a gain is multiplied."""
     path = modelica(FORMS["matrices"])
     flat = load_flat("Rig", [path])
@@ -143,7 +143,7 @@ def test_two_laws_at_one_element(laws: tuple[Law, ...], models: LawModels, model
 
 
 @pytest.mark.parametrize("form", ["matrices", "states that are outputs"])
-def test_what_a_term_stands_beside_is_a_number(form: str, laws: tuple[Law, ...], modelica, tmp_path: Path) -> None:
+def test_what_a_term_stands_beside_is_a_number(form, laws, modelica, tmp_path):
     """Also where one side is a vector and the other is written element by element."""
     path = modelica(FORMS[form])
     flat = load_flat("Rig", [path])

@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import pytest
-from numpy.random import Generator
 from small_rigs import Numbers, explicit, rig, somewhere
 
 from aero_bayes.modelica.rumoca_front import load_flat
 from aero_bayes.structure.candidates import Candidate, place_law, ports_with_laws
-from aero_bayes.structure.compose import LawModels, compose_law
-from aero_bayes.structure.law import Law
+from aero_bayes.structure.compose import compose_law
 from aero_bayes.structure.write_model import write_laws
 
 DAMPER = """model Damper
@@ -37,9 +33,7 @@ end Damper;
         ("F = k * x + F_0;", 1.0),
     ],
 )
-def test_friction_resists_however_the_force_is_counted(
-    equation: str, sign: float, laws: tuple[Law, ...], models: LawModels, modelica, tmp_path: Path, rng: Generator
-) -> None:
+def test_friction_resists_however_the_force_is_counted(equation, sign, laws, models, modelica, tmp_path, rng):
     path = modelica(DAMPER.format(equation=equation))
     flat = rig("Damper", str(path))
     ports = {p.id: p for p in ports_with_laws(flat, laws)}
@@ -61,7 +55,7 @@ def test_friction_resists_however_the_force_is_counted(
 @pytest.mark.parametrize(
     "equation", ["F = k * x + F_0;", "F = c * der(x) + k * x;"], ids=["no speed", "the speed is no variable"]
 )
-def test_a_force_without_a_speed_is_a_reading_only(equation: str, laws: tuple[Law, ...], tmp_path: Path) -> None:
+def test_a_force_without_a_speed_is_a_reading_only(equation, laws, tmp_path):
     path = tmp_path / "Damper.mo"
     text = DAMPER.format(equation=equation).replace("input Real x(unit", "Real x(start = 0, fixed = true, unit")
     text = text.replace('  input Real v(unit = "m/s");\n', "")
@@ -71,7 +65,7 @@ def test_a_force_without_a_speed_is_a_reading_only(equation: str, laws: tuple[La
     assert ports["F"].kind in ("output", "reading")
 
 
-def test_a_force_between_two_motions_has_the_difference_of_their_speeds(laws: tuple[Law, ...], modelica) -> None:
+def test_a_force_between_two_motions_has_the_difference_of_their_speeds(laws, modelica):
     path = modelica("""model Coupled
   parameter Real c(unit = "N.s/m") = 20;
   parameter Real k(unit = "N/m") = 300;
@@ -110,9 +104,7 @@ end Cell;
 
 
 @pytest.mark.parametrize("sign", ["-", "+"])
-def test_a_voltage_takes_its_resistances_laws_a_charge_no_second_storage(
-    sign: str, laws: tuple[Law, ...], models: LawModels, modelica, rng: Generator
-) -> None:
+def test_a_voltage_takes_its_resistances_laws_a_charge_no_second_storage(sign, laws, models, modelica, rng):
     path = modelica(CELL.format(sign=sign))
     flat = rig("Cell", str(path))
     ports = {p.id: p for p in ports_with_laws(flat, laws)}
@@ -139,9 +131,7 @@ def test_a_voltage_takes_its_resistances_laws_a_charge_no_second_storage(
         ("C * der(T) = P + Q;\n  Q = G * P;", True),
     ],
 )
-def test_what_a_balance_only_counts_has_no_second_storage(
-    balance: str, counts: bool, laws: tuple[Law, ...], tmp_path: Path
-) -> None:
+def test_what_a_balance_only_counts_has_no_second_storage(balance, counts, laws, tmp_path):
     path = tmp_path / "Room.mo"
     unknowns = "".join(f"  Real {n};\n" for n in "QD" if f"  {n} = " in balance)
     path.write_text(

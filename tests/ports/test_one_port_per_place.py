@@ -5,13 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from numpy.random import Generator
 from small_rigs import Numbers, explicit, rig, somewhere
 
 from aero_bayes.modelica.rumoca_front import load_flat
 from aero_bayes.structure.candidates import Candidate, place_law, ports_with_laws
-from aero_bayes.structure.compose import LawModels, compose_law
-from aero_bayes.structure.law import Law
+from aero_bayes.structure.compose import compose_law
 from aero_bayes.structure.write_model import write_laws
 
 pytestmark = pytest.mark.fast
@@ -112,7 +110,7 @@ def sources(tmp_path: Path) -> list[Path]:
     return [tmp_path / "Car.mo", tmp_path / "Lib.mo"]
 
 
-def test_each_place_is_listed_once(sources: list[Path], laws: tuple[Law, ...]) -> None:
+def test_each_place_is_listed_once(sources, laws):
     """No shaker, no accelerometer; the brake is where the body moves, the twin where the strut is."""
     found = {p.id: (p.kind, p.unit) for p in ports_with_laws(rig("Car", *map(str, sources)), laws)}
     assert found == {
@@ -129,7 +127,7 @@ def test_each_place_is_listed_once(sources: list[Path], laws: tuple[Law, ...]) -
         ("tyre.s_rel", lambda at: {"wheel": 0.7 * (at["shaker.v"] - at["wheel.v"])}),
     ],
 )
-def test_friction_there_pulls_at_both_ends(port, change, sources, laws, models: LawModels, tmp_path, rng: Generator):
+def test_friction_there_pulls_at_both_ends(port, change, sources, laws, models, tmp_path, rng):
     flat = rig("Car", *map(str, sources))
     place = next(p for p in ports_with_laws(flat, laws) if p.id == port)
     law = next(law for law in laws if law.id == "viscous_friction")

@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import pytest
-from numpy.random import Generator
 from small_rigs import Numbers, explicit, rig, somewhere
 
 from aero_bayes.modelica.rumoca_front import load_flat
 from aero_bayes.modelica.units import dimension_of_unit, unit_text
 from aero_bayes.structure.balance import DIFFERENCE, port_table
 from aero_bayes.structure.candidates import Candidate, find_candidates, place_law, ports_with_laws
-from aero_bayes.structure.compose import LawModels, compose_law, with_probes
-from aero_bayes.structure.law import Law
+from aero_bayes.structure.compose import compose_law, with_probes
 from aero_bayes.structure.write_model import write_laws
 
 pytestmark = pytest.mark.fast
@@ -44,7 +40,7 @@ FOUND = {
 
 
 @pytest.mark.parametrize("model", FOUND)
-def test_ports_are_found(model: str, laws: tuple[Law, ...]) -> None:
+def test_ports_are_found(model, laws):
     ports = ports_with_laws(rig(model), laws)
     assert {p.id: f"{p.kind} {p.attachment} {p.unit}" for p in ports} == FOUND[model]
     for p in ports:
@@ -53,7 +49,7 @@ def test_ports_are_found(model: str, laws: tuple[Law, ...]) -> None:
         assert p.place.file == f"{model.partition('.')[0]}.mo"
 
 
-def test_laws_fit_by_what_they_need(laws: tuple[Law, ...]) -> None:
+def test_laws_fit_by_what_they_need(laws):
     cart = {p.id: p for p in ports_with_laws(rig("Cart"), laws)}
     assert {"coulomb_friction", "cubic_stiffness", "end_stop"} <= set(cart["v"].laws)
     motor = {p.id: p for p in ports_with_laws(rig("Motor"), laws)}
@@ -72,7 +68,7 @@ def test_laws_fit_by_what_they_need(laws: tuple[Law, ...]) -> None:
     assert not {"overflow", "root_loss"} & set(bodies["one.port"].laws)  # a temperature does not spill
 
 
-def test_laws_of_a_temperature_count_from_its_level(laws: tuple[Law, ...], models: LawModels, rng: Generator) -> None:
+def test_laws_of_a_temperature_count_from_its_level(laws, models, rng):
     flat = rig("Bodies.Pair")
     port = next(p for p in ports_with_laws(flat, laws) if p.id == "one.port")
     taken = [v.name for v in flat.variables]
@@ -87,13 +83,13 @@ def test_laws_of_a_temperature_count_from_its_level(laws: tuple[Law, ...], model
         assert change == pytest.approx(-flow / 20, rel=1e-9)
 
 
-def test_exchange_counts_once(laws: tuple[Law, ...]) -> None:
+def test_exchange_counts_once(laws):
     found = [c.id for c in find_candidates(ports_with_laws(rig("TankPair"), laws), laws)]
     assert len(found) == len(set(found))
     assert [i for i in found if i.startswith("exchange")] == ["exchange@h1"]
 
 
-def test_the_table_names_file_and_line(laws: tuple[Law, ...]) -> None:
+def test_the_table_names_file_and_line(laws):
     rows = {r["id"]: r for r in port_table(ports_with_laws(rig("Cart"), laws))}
     assert (rows["v"]["file"], rows["v"]["line"], rows["v"]["unit"]) == ("Cart.mo", 12, "N")
     assert rows["v"]["states"] == ["v", "x"]
@@ -118,9 +114,7 @@ FORMS = [
 
 
 @pytest.mark.parametrize(("declared", "balance", "gain"), FORMS)
-def test_friction_brakes_however_the_balance_is_written(
-    declared: str, balance: str, gain: str, laws: tuple[Law, ...], models: LawModels, modelica, rng: Generator
-) -> None:
+def test_friction_brakes_however_the_balance_is_written(declared, balance, gain, laws, models, modelica, rng):
     """The acceleration changes by minus the force over the mass, or by minus an acceleration; never by plus."""
     path = modelica(f"""model Form
   parameter Real M(unit = "kg") = 2.5;
@@ -150,7 +144,7 @@ end Form;
     assert change == pytest.approx(-factor * 0.9 * point["v"], rel=1e-12)
 
 
-def test_coupled_masses_have_a_balance_each(laws: tuple[Law, ...], modelica) -> None:
+def test_coupled_masses_have_a_balance_each(laws, modelica):
     """A pendulum on a cart: both equations contain both accelerations. A screw turns an angle into a displacement."""
     path = modelica("""model Crane
   parameter Real M = 2;
@@ -179,9 +173,7 @@ end Crane;
     assert ports["w"].signals == {"v": "w", "x": "phi"}
 
 
-def test_states_in_an_array_are_states(
-    laws: tuple[Law, ...], models: LawModels, modelica, tmp_path: Path, rng: Generator
-) -> None:
+def test_states_in_an_array_are_states(laws, models, modelica, tmp_path, rng):
     path = modelica("""model Chain
   parameter Real k[2] = {3, 5};
   input Real u;
@@ -208,7 +200,7 @@ end Chain;
 
 
 @pytest.mark.parametrize("model", FOUND)
-def test_a_probe_drives_at_every_port(model: str, laws: tuple[Law, ...], rng: Generator) -> None:
+def test_a_probe_drives_at_every_port(model, laws, rng):
     flat = rig(model)
     ports = ports_with_laws(flat, laws)
     wide_flat, names = with_probes(flat, ports)
@@ -231,7 +223,7 @@ def test_a_probe_drives_at_every_port(model: str, laws: tuple[Law, ...], rng: Ge
             assert all(faster[k] < 0 for k in other), port.id
 
 
-def test_the_unit_of_a_term_where_numbers_and_factors_have_none(modelica) -> None:
+def test_the_unit_of_a_term_where_numbers_and_factors_have_none(modelica):
     """9.81 hides an acceleration, and what is added to 1 is a number."""
     path = modelica("""model Slope
   parameter Real m(unit = "kg") = 2;

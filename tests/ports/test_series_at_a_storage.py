@@ -11,8 +11,7 @@ from small_rigs import RIGS
 from aero_bayes.modelica.embedded import export_flat
 from aero_bayes.modelica.rumoca_front import load_flat
 from aero_bayes.structure.candidates import find_candidates, place_law, ports_with_laws
-from aero_bayes.structure.compose import LawModels, compose_law
-from aero_bayes.structure.law import Law
+from aero_bayes.structure.compose import compose_law
 from aero_bayes.structure.write_model import write_laws
 
 FILTER = """within ;
@@ -50,9 +49,7 @@ def answer(fmu: Path) -> np.ndarray:
     return found["y"]
 
 
-def test_the_series_resistance_of_a_capacitor(
-    laws: tuple[Law, ...], models: LawModels, modelica, tmp_path: Path
-) -> None:
+def test_the_series_resistance_of_a_capacitor(laws, models, modelica, tmp_path):
     """The response to a step begins at once, and then has a longer time constant."""
     path = modelica(FILTER)
     sources = [RIGS / "Shaft.mo", path]
@@ -76,9 +73,7 @@ def test_the_series_resistance_of_a_capacitor(
         assert np.abs(y - expected).max() < 1e-5
 
 
-def test_two_drops_in_a_branch_without_a_state(
-    laws: tuple[Law, ...], models: LawModels, modelica, tmp_path: Path
-) -> None:
+def test_two_drops_in_a_branch_without_a_state(laws, models, modelica, tmp_path):
     """A resistance and a contact before a resistor: they follow each other, at the one place that a branch has."""
     path = modelica(FILTER)
     sources = [RIGS / "Shaft.mo", path]
@@ -104,7 +99,7 @@ def test_two_drops_in_a_branch_without_a_state(
         assert np.abs(y - expected).max() < 1e-4
 
 
-def test_a_branch_has_one_place(laws: tuple[Law, ...], modelica) -> None:
+def test_a_branch_has_one_place(laws, modelica):
     text = FILTER.replace(
         "  connect(source.p, resistor.p);", "  connect(source.p, one.p);\n  connect(one.n, resistor.p);"
     )
@@ -139,9 +134,7 @@ end Grounded;
 """
 
 
-def test_a_pin_that_is_a_node_is_a_place_for_a_flow_and_for_a_drop(
-    laws: tuple[Law, ...], models: LawModels, modelica, tmp_path
-):
+def test_a_pin_that_is_a_node_is_a_place_for_a_flow_and_for_a_drop(laws, models, modelica, tmp_path):
     path = modelica(GROUNDED)
     flat = load_flat("Grounded", [RIGS / "Shaft.mo", path])
     ports = {p.id: p for p in ports_with_laws(flat, laws)}

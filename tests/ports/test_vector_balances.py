@@ -86,9 +86,7 @@ def added(
 
 @pytest.mark.parametrize("how", ARMS)
 @pytest.mark.parametrize("joint", [1, 2])
-def test_a_torque_at_a_joint_moves_all_joints_by_the_mass_matrix(
-    how: str, joint: int, laws: tuple[Law, ...], models: LawModels, tmp_path: Path, rng: Generator
-) -> None:
+def test_a_torque_at_a_joint_moves_all_joints_by_the_mass_matrix(how, joint, laws, models, tmp_path, rng):
     balance, expected = ARMS[how]
     sources = [tmp_path / "Arm.mo", tmp_path / "Modelica.mo"]
     sources[0].write_text(ARM.format(how=how, balance=balance), encoding="utf-8")
@@ -137,16 +135,7 @@ end Chain;
         ),
     ],
 )
-def test_a_loss_of_one_element_of_a_loop_or_a_vector(
-    n: int,
-    balance: str,
-    expected: str,
-    laws: tuple[Law, ...],
-    models: LawModels,
-    modelica,
-    tmp_path: Path,
-    rng: Generator,
-) -> None:
+def test_a_loss_of_one_element_of_a_loop_or_a_vector(n, balance, expected, laws, models, modelica, tmp_path, rng):
     path = modelica(CHAIN.format(n=n, balance=balance))
     ports = {p.id: p for p in ports_with_laws(rig("Chain", str(path)), laws)}
     assert list(ports) == ["P", "y", *(f"T[{k + 1}]" for k in range(n))]
@@ -158,9 +147,7 @@ def test_a_loss_of_one_element_of_a_loop_or_a_vector(
     assert expected in text
 
 
-def test_one_of_an_array_of_components(
-    laws: tuple[Law, ...], models: LawModels, modelica, tmp_path: Path, rng: Generator
-) -> None:
+def test_one_of_an_array_of_components(laws, models, modelica, tmp_path, rng):
     path = modelica(
         """model Vessel
   parameter Real A(unit = "m2") = 2;
@@ -188,7 +175,7 @@ end Plant;
     assert "Vessel_tank tank[2](linear_loss_q = {0, linear_loss.q});" in text
 
 
-def test_a_state_space_model_has_motions_where_a_row_is_a_speed(laws: tuple[Law, ...], modelica) -> None:
+def test_a_state_space_model_has_motions_where_a_row_is_a_speed(laws, modelica):
     path = modelica("""model Space
   parameter Real k = 4, d = 0.5;
   parameter Real A[2, 2] = [0, 1; -k, -d];

@@ -21,6 +21,8 @@ from simulated_rigs.sensors import white
 
 #: Few parameters, few steps: pages want a run of every shape, not a good one.
 CONFIG = """
+[model]
+name = "Aero.Systems.OneDof"
 [fit]
 method = "local"
 [fit.local]
@@ -68,7 +70,7 @@ def _make(folder: Path) -> None:
 
 
 def _invoke(*arguments: str) -> None:
-    result = CliRunner().invoke(main, [*arguments, "--quiet"])
+    result = CliRunner().invoke(main, [*arguments, "--model", "Aero.Systems.OneDof", "--quiet"])
     assert result.exit_code == 0, result.output
 
 

@@ -13,13 +13,12 @@ import numpy as np
 import pytest
 
 from aero_bayes.estimate.noise import autocorrelation
-from aero_bayes.report.drawing import Line, Panel, data_table, draw, nice_ticks
+from aero_bayes.report.drawing import Line, Panel, band_envelope, column_means, data_table, draw, envelope, nice_ticks
 from aero_bayes.report.page import BITS, pack_series
-from aero_bayes.report.posterior_figures import most_correlated
+from aero_bayes.report.pairs import most_correlated
 from aero_bayes.report.svg import Canvas
 from aero_bayes.report.tables import Column, html_table
 from aero_bayes.report.text import duration, pretty_unit, rounded_value, sentence, signed, significant, symbol, tidy
-from aero_bayes.report.thinning import band_envelope, column_means, envelope
 
 pytestmark = pytest.mark.fast
 

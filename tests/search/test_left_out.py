@@ -16,7 +16,7 @@ from aero_bayes.loop.left_out import MORE_BLOCKS, Blocks, newton_errors, refitte
 from aero_bayes.loop.models import CandidateModel, FittedModel
 from aero_bayes.loop.table import Row, Table
 from aero_bayes.simulation.interface import ParameterTarget
-from aero_bayes.structure.model_family import CandidateTerm
+from aero_bayes.structure.modelica_family import CandidateTerm
 
 pytestmark = pytest.mark.fast
 

@@ -23,21 +23,19 @@ class Scalar:
     start: float | None = None
     derivative_of: str | None = None
     kind: str = "Real"
-    nominal: float | None = None
-    calculated: bool = False
     depends: tuple[str, ...] | None = None
 
 
-def state(name: str, reference: int, start: float, output: bool = True, nominal: float | None = None) -> list[Scalar]:
+def state(name: str, reference: int, start: float, output: bool = True) -> list[Scalar]:
     """A state and its derivative (the next reference)."""
     return [
-        Scalar(name, reference, "output" if output else "local", start, nominal=nominal),
+        Scalar(name, reference, "output" if output else "local", start),
         Scalar(f"der({name})", reference + 1, "local", derivative_of=name),
     ]
 
 
-def parameter(name: str, reference: int, start: float, nominal: float | None = None) -> Scalar:
-    return Scalar(name, reference, "parameter", start, nominal=nominal)
+def parameter(name: str, reference: int, start: float) -> Scalar:
+    return Scalar(name, reference, "parameter", start)
 
 
 MODELS: dict[str, list[Scalar]] = {
@@ -132,87 +130,70 @@ MODELS: dict[str, list[Scalar]] = {
 INDICATORS = {"BouncingBall": 1, "Loop": 1, "Rub": 1}
 
 
-def _variable(scalar: Scalar, index: dict[str, int], fixed: bool) -> str:
-    constant = scalar.causality == "parameter"
-    variability = (
-        ("fixed" if fixed else "tunable") if constant else "discrete" if scalar.kind != "Real" else "continuous"
-    )
-    attributes = ""
-    if scalar.start is not None and not scalar.calculated:
-        attributes += f' start="{scalar.start!r}"'
-    if scalar.nominal is not None:
-        attributes += f' nominal="{scalar.nominal!r}"'
-    if scalar.derivative_of is not None:
-        attributes += f' derivative="{index[scalar.derivative_of]}"'
-    initial = ' initial="exact"' if scalar.start is not None and scalar.causality in ("output", "local") else ""
-    return (
-        f'<ScalarVariable name="{scalar.name}" valueReference="{scalar.reference}" causality="{scalar.causality}" '
-        f'variability="{variability}"{initial}><{scalar.kind}{attributes}/></ScalarVariable>'
-    )
-
-
-def description(name: str, model: str, directional: bool, extra: str = "", fixed: bool = False) -> str:
-    """The modelDescription.xml of a test model."""
-    scalars = MODELS[model]
-    index = {scalar.name: i + 1 for i, scalar in enumerate(scalars)}
-
-    def unknown(s: Scalar) -> str:
-        known = "" if s.depends is None else f' dependencies="{" ".join(str(index[d]) for d in s.depends)}"'
-        return f'<Unknown index="{index[s.name]}"{known}/>'
-
-    derivatives = "".join(unknown(s) for s in scalars if s.derivative_of is not None)
-    derivatives = f"<Derivatives>{derivatives}</Derivatives>" if derivatives else ""
-    outputs = "".join(unknown(s) for s in scalars if s.causality == "output")
-    return (
-        f'<?xml version="1.0" encoding="UTF-8"?><fmiModelDescription fmiVersion="2.0" modelName="{name}" guid="{name}" '
-        f'numberOfEventIndicators="{INDICATORS.get(model, 0)}"><ModelExchange modelIdentifier="{name}" '
-        f'providesDirectionalDerivative="{str(directional).lower()}"{extra}/>'
-        f"<ModelVariables>{''.join(_variable(s, index, fixed) for s in scalars)}</ModelVariables>"
-        f"<ModelStructure><Outputs>{outputs}</Outputs>{derivatives}</ModelStructure>"
-        "</fmiModelDescription>"
-    )
-
-
 _TYPES = {"Real": "Float64", "Integer": "Int32", "Boolean": "Boolean"}
 
 
-def description3(name: str, model: str, directional: bool, defines: tuple[str, ...]) -> str:
-    """The same for FMI 3.0."""
-    scalars = MODELS[model]
-    reference = {scalar.name: scalar.reference for scalar in scalars}
+def _yes(value: bool) -> str:
+    return str(value).lower()
 
-    def variable(scalar: Scalar) -> str:
-        attributes = f'name="{scalar.name}" valueReference="{scalar.reference}" causality="{scalar.causality}"'
-        if scalar.causality == "parameter":
-            attributes += ' variability="tunable"'
-        elif scalar.start is not None and scalar.causality != "input":
-            attributes += ' initial="exact"'
-        if scalar.start is not None:
-            attributes += f' start="{scalar.start!r}"'
-        if scalar.derivative_of is not None:
-            attributes += f' derivative="{reference[scalar.derivative_of]}"'
-        return f"<{_TYPES[scalar.kind]} {attributes}/>"
 
-    structure = "".join(
-        f'<Output valueReference="{s.reference}"'
-        + ("" if s.depends is None else f' dependencies="{" ".join(str(reference[d]) for d in s.depends)}"')
-        + "/>"
-        for s in scalars
-        if s.causality == "output"
-    )
-    structure += "".join(
-        f'<ContinuousStateDerivative valueReference="{s.reference}"/>' for s in scalars if s.derivative_of is not None
-    )
-    indicator = f'<EventIndicator valueReference="{scalars[0].reference}"/>' * INDICATORS.get(model, 0)
-    steps, callback = "STEPS" in defines, str("NO_CALLBACK" not in defines).lower()
-    kind = "CoSimulation" if steps else "ModelExchange"
-    extra = f' providesDirectionalDerivatives="{str(directional).lower()}" needsCompletedIntegratorStep="{callback}"'
+def _interface(name: str, directional: bool, defines: tuple[str, ...]) -> str:
+    three, steps = "FMI3" in defines, "STEPS" in defines
+    given = {
+        "modelIdentifier": name,
+        f"providesDirectionalDerivative{'s' * three}": _yes(directional and not (three and steps)),
+        "canBeInstantiatedOnlyOncePerProcess": _yes("ONCE" in defines),
+    }
+    if steps:
+        given["canHandleVariableCommunicationStepSize"] = _yes("ONE_SIZE" not in defines)
+        given["canInterpolateInputs"] = _yes("SLOPES" in defines)
+    elif three:
+        given["needsCompletedIntegratorStep"] = _yes("NO_CALLBACK" not in defines)
+    else:
+        given["completedIntegratorStepNotNeeded"] = _yes("NO_CALLBACK" in defines)
+    return f"<{'CoSimulation' if steps else 'ModelExchange'} {_attributes(given)}/>"
+
+
+def _attributes(given: dict[str, object]) -> str:
+    return " ".join(f'{key}="{value}"' for key, value in given.items() if value is not None)
+
+
+def description(name: str, model: str, directional: bool, defines: tuple[str, ...]) -> str:
+    """The modelDescription.xml of a test model, of FMI 2.0 or 3.0, which names variables by number or by reference."""
+    scalars, three = MODELS[model], "FMI3" in defines
+    number = {scalar.name: scalar.reference if three else i + 1 for i, scalar in enumerate(scalars)}
+
+    def variable(s: Scalar) -> str:
+        constant = "fixed" if "FIXED" in defines else "tunable"
+        usual = "continuous" if s.kind == "Real" else "discrete"
+        exact = s.start is not None and s.causality in ("output", "local")
+        outer = {
+            "name": s.name, "valueReference": s.reference, "causality": s.causality,
+            "variability": constant if s.causality == "parameter" else usual, "initial": "exact" if exact else None,
+        }  # fmt: skip
+        inner = {"start": s.start, "derivative": None if s.derivative_of is None else number[s.derivative_of]}
+        if three:
+            return f"<{_TYPES[s.kind]} {_attributes(outer | inner)}/>"
+        return f"<ScalarVariable {_attributes(outer)}><{s.kind} {_attributes(inner)}/></ScalarVariable>"
+
+    def unknown(s: Scalar, tag: str) -> str:
+        known = None if s.depends is None else " ".join(str(number[d]) for d in s.depends)
+        place = {"valueReference" if three else "index": number[s.name], "dependencies": known}
+        return f"<{tag if three else 'Unknown'} {_attributes(place)}/>"
+
+    outputs = "".join(unknown(s, "Output") for s in scalars if s.causality == "output")
+    slopes = "".join(unknown(s, "ContinuousStateDerivative") for s in scalars if s.derivative_of is not None)
+    indicators = INDICATORS.get(model, 0)
+    if three:
+        root = f'fmiVersion="3.0" instantiationToken="{name}"'
+        structure = outputs + slopes + f'<EventIndicator valueReference="{scalars[0].reference}"/>' * indicators
+    else:
+        root = f'fmiVersion="2.0" guid="{name}" numberOfEventIndicators="{indicators}"'
+        structure = f"<Outputs>{outputs}</Outputs>" + (f"<Derivatives>{slopes}</Derivatives>" if slopes else "")
     return (
-        f'<?xml version="1.0" encoding="UTF-8"?><fmiModelDescription fmiVersion="3.0" modelName="{name}" '
-        f'instantiationToken="{name}"><{kind} modelIdentifier="{name}"'
-        + (' canHandleVariableCommunicationStepSize="true"' if steps else extra)
-        + f"/><ModelVariables>{''.join(variable(s) for s in scalars)}</ModelVariables>"
-        f"<ModelStructure>{structure}{indicator}</ModelStructure></fmiModelDescription>"
+        f'<?xml version="1.0" encoding="UTF-8"?><fmiModelDescription {root} modelName="{name}">'
+        f"{_interface(name, directional, defines)}<ModelVariables>{''.join(map(variable, scalars))}</ModelVariables>"
+        f"<ModelStructure>{structure}</ModelStructure></fmiModelDescription>"
     )
 
 
@@ -231,22 +212,10 @@ def build(folder: Path, model: str, *, directional: bool = True, defines: tuple[
     flags = ["-O2", "-w", "-fPIC", "-shared", "-fvisibility=hidden", *(f"-D{d}" for d in defines)]
     command = [*compiler(), *flags, "-o", str(library), str(SOURCES / f"{model}.c"), "-lm"]
     subprocess.run(command, check=True, capture_output=True)
-    extra = ' canBeInstantiatedOnlyOncePerProcess="true"' if "ONCE" in defines else ""
-    extra += ' completedIntegratorStepNotNeeded="true"' if "NO_CALLBACK" in defines else ""
     fmu = folder / f"{name}.fmu"
-    steps = "STEPS" in defines
-    if "FMI3" in defines:
-        described, place = description3(name, model, directional, defines), "x86_64-linux"
-    else:
-        described, place = description(name, model, directional, extra, "FIXED" in defines), "linux64"
-        if steps:
-            any_step, slopes = (str(yes).lower() for yes in ("ONE_SIZE" not in defines, "SLOPES" in defines))
-            described = described.replace(
-                "<ModelExchange",
-                f'<CoSimulation canHandleVariableCommunicationStepSize="{any_step}" canInterpolateInputs="{slopes}"',
-            )
+    place = "x86_64-linux" if "FMI3" in defines else "linux64"
     with zipfile.ZipFile(fmu, "w") as archive:
-        archive.writestr("modelDescription.xml", described)
+        archive.writestr("modelDescription.xml", description(name, model, directional, defines))
         archive.write(library, f"binaries/{place}/{name}.so")
         archive.writestr("resources/y.txt", "42.5")
     return fmu

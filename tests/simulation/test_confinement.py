@@ -13,11 +13,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 from runs import ran
-from test_engine_isolation import FINE, TIME
+from test_engine_isolation import FINE, TIME, trouble
+from test_model_load import rewrite, with_member
 
 from aero_bayes.errors import InputError
 from aero_bayes.simulation import worker_group, workers
-from aero_bayes.simulation.interface import Experiment, Outcome, ParameterTarget, Problem, SolverSettings
+from aero_bayes.simulation.interface import Outcome, Problem
 from aero_bayes.simulation.model import Model
 from aero_bayes.simulation.native_simulator import NativeSimulator
 from aero_bayes.simulation.worker_group import engine_path
@@ -42,9 +43,7 @@ CALLS = (ALLOCATE_SHARED, FORK, EXECUTE, CONNECT, SIGNAL_PARENT)
 
 @pytest.fixture
 def problem(test_fmu) -> Problem:
-    experiment = Experiment(TIME, ("x",))
-    targets = ((ParameterTarget("mode"),),)
-    return Problem(test_fmu("Trouble"), (experiment,), targets, settings=SolverSettings(time_limit=0.1))
+    return trouble(test_fmu, 0.1)
 
 
 def check(problem: Problem, modes: list[int], pool: WorkerPool) -> None:
@@ -145,12 +144,8 @@ def test_archives_that_are_not_unpacked(tmp_path, monkeypatch, members, message)
 
 def test_an_archive_that_lies_about_a_size(test_fmu, tmp_path):
     # the directory says one byte where the packed data hold a mebibyte: no more than said is ever written
-    good = test_fmu("Dahlquist")
-    path = tmp_path / "liar.fmu"
-    with zipfile.ZipFile(good.path) as source, zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as target:
-        for name in source.namelist():
-            target.writestr(name, source.read(name))
-        target.writestr("resources/big", bytes(1 << 20))
+    big = with_member("resources/big", bytes(1 << 20))
+    path = rewrite(test_fmu("Dahlquist").path, tmp_path / "liar.fmu", big)
     data = path.read_bytes()
     honest = (1 << 20).to_bytes(4, "little")
     assert data.count(honest) == 2

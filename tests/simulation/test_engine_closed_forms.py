@@ -9,7 +9,6 @@ import pytest
 from runs import one_run, ran
 from scipy.linalg import expm
 
-from aero_bayes.modelica.compilers import export_fmu
 from aero_bayes.simulation.interface import (
     DelayTarget,
     Experiment,
@@ -306,17 +305,14 @@ end Chain;
 """
 
 
-def test_sensitivities_that_die_away_take_no_more_steps_than_the_states(tmp_path, here):
+def test_sensitivities_that_die_away_take_no_more_steps_than_the_states(exported, here):
     """Where the input rests all that is left of them is rounding, which no step is short enough for."""
-    source = tmp_path / "Chain.mo"
-    source.write_text(CHAIN, encoding="utf-8")
-    fmu = Model.load(export_fmu("Chain", tmp_path / "Chain.fmu", compiler="embedded", sources=[source]))
     time, jumps = np.linspace(0.0, 1000.0, 8001), np.arange(0.0, 1000.0, 100.0)
     levels = np.random.default_rng(1).uniform(0.1, 0.3, jumps.size)
     experiment = Experiment(time, ("y",), (InputSignal("u", jumps, levels),))
     few, one, two = SolverSettings(1e-5, 1e-5, max_steps=1000), 0.5, 0.003
     targets = (ParameterTarget("T_1"), ParameterTarget("T_2"))
-    found = ran(Problem(fmu, (experiment,), (targets,), {}, few), here, [one, two], active=[0, 1])
+    found = ran(Problem(exported(CHAIN), (experiment,), (targets,), {}, few), here, [one, two], active=[0, 1])
     assert found.outcomes[0, 0] == Outcome.OK
     assert found.sensitivities is not None
 

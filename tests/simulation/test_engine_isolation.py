@@ -42,10 +42,10 @@ EXPECTED = {
 TIME = np.linspace(0.0, 2.0, 41)
 
 
-def trouble(test_fmu, time_limit: float = 0.15) -> Problem:
+def trouble(test_fmu, time_limit: float = 0.15, **other: object) -> Problem:
     settings = SolverSettings(time_limit=time_limit)
     experiment = Experiment(TIME, ("x",), measured=np.zeros((41, 1)))
-    return Problem(test_fmu("Trouble"), (experiment,), ((ParameterTarget("mode"),),), settings=settings)
+    return Problem(test_fmu("Trouble", **other), (experiment,), ((ParameterTarget("mode"),),), settings=settings)
 
 
 def test_every_kind_of_trouble(test_fmu, pool):

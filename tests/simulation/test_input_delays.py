@@ -7,7 +7,6 @@ import pytest
 from runs import one_run
 
 from aero_bayes.errors import InputError
-from aero_bayes.modelica.compilers import export_fmu
 from aero_bayes.simulation.interface import (
     DelayTarget,
     Experiment,
@@ -36,10 +35,8 @@ TIGHT = SolverSettings(1e-10, 1e-10)
 
 
 @pytest.fixture(scope="module")
-def model(tmp_path_factory) -> Model:
-    folder = tmp_path_factory.mktemp("two")
-    (folder / "Two.mo").write_text(SOURCE)
-    return Model.load(export_fmu("Two", folder / "Two.fmu", sources=[folder / "Two.mo"]))
+def model(exported) -> Model:
+    return exported(SOURCE)
 
 
 def step(at: float) -> np.ndarray:

@@ -11,7 +11,6 @@ from scipy.linalg import expm
 from scipy.stats import multivariate_normal
 
 from aero_bayes.errors import CannotFinishError, InputError
-from aero_bayes.modelica.compilers import export_fmu
 from aero_bayes.simulation.engines import open_simulator
 from aero_bayes.simulation.interface import (
     DiffusionTarget,
@@ -26,7 +25,6 @@ from aero_bayes.simulation.interface import (
     StartTarget,
     smooth,
 )
-from aero_bayes.simulation.model import Model
 from aero_bayes.simulation.native_simulator import NativeSimulator
 
 pytestmark = pytest.mark.fast
@@ -48,21 +46,6 @@ equation
   der(q) = v; der(v) = u - w ^ 2 * sin(q) - d * v; angle = q; height = 1 - cos(q);
 end Pendulum;
 """
-
-
-@pytest.fixture(scope="session")
-def built(tmp_path_factory):
-    folder, models = tmp_path_factory.mktemp("noisy"), {}
-
-    def load(source: str, **options: object) -> Model:
-        name = source.split()[1]
-        if name not in models:
-            path = folder / f"{name}.mo"
-            path.write_text(source)
-            models[name] = Model.load(export_fmu(name, folder / f"{name}.fmu", sources=[path]))
-        return models[name]
-
-    return load
 
 
 class Oscillator:
@@ -128,14 +111,14 @@ def oscillator_case(rng, moves):
 
 @pytest.mark.parametrize("moves", [False, True], ids=["rare jumps", "held samples"])
 @pytest.mark.parametrize("settings", [SolverSettings(), EXACT], ids=["as usual", "exact"])
-def test_linear_rig_has_the_likelihood_of_its_gaussian_process(built, here, rng, settings, moves):
+def test_linear_rig_has_the_likelihood_of_its_gaussian_process(exported, here, rng, settings, moves):
     time, signal, measured = oscillator_case(rng, moves)
     k, d, m, sigma, initial, sd = 4.0, 0.6, 0.5, (0.05, 0.7), (0.1, 0.2), (0.03, 0.4)
     start_sd = dict(zip("yv", initial, strict=True))
     experiment = Experiment(time, ("y", "a"), (signal,), measured=measured, start_sd=start_sd)
     process = ProcessNoise({"y": 9.0}, {"y": 9.0, "a": sd[1]})
     targets = (ParameterTarget("k"), DiffusionTarget("y"), DiffusionTarget("v"), ReadingNoiseTarget("y"))
-    problem = Problem(built(OSCILLATOR), (experiment,), (targets,), settings=settings, process=process)
+    problem = Problem(exported(OSCILLATOR), (experiment,), (targets,), settings=settings, process=process)
     with NativeSimulator(problem, pool=here) as simulator:
         found = simulator.log_likelihood(np.array([[k, *sigma, sd[0]]]), np.ones(3)).log_likelihood[0, 0]
     exact = Oscillator(k, d, m, sigma, initial).log_density((0.3, -0.1), time, signal, measured, sd)
@@ -143,12 +126,12 @@ def test_linear_rig_has_the_likelihood_of_its_gaussian_process(built, here, rng,
 
 
 @pytest.mark.parametrize("moves", [False, True], ids=["rare jumps", "held samples"])
-def test_smoothed_states_are_those_of_the_gaussian_process(built, here, rng, moves):
+def test_smoothed_states_are_those_of_the_gaussian_process(exported, here, rng, moves):
     time, signal, measured = oscillator_case(rng, moves)
     sigma, initial, sd = (0.0, 0.7), (0.1, 0.0), (0.03, 0.4)
     experiment = Experiment(time, ("y", "a"), (signal,), measured=measured, start_sd={"y": initial[0]})
     process = ProcessNoise({"v": sigma[1]}, dict(zip("ya", sd, strict=True)))
-    problem = Problem(built(OSCILLATOR), (experiment,), ((),), settings=EXACT, process=process)
+    problem = Problem(exported(OSCILLATOR), (experiment,), ((),), settings=EXACT, process=process)
     with NativeSimulator(problem, pool=here) as simulator:
         (states,) = simulator.filtered_states(np.empty(0))
     found = smooth(states, measured)
@@ -214,22 +197,22 @@ PENDULUM_TARGETS = (
 PENDULUM_VALUES = (3.0, 0.4, 0.8, 0.1, 0.15, 0.0)
 
 
-def test_nonlinear_rig_has_the_likelihood_of_another_filter(built, here, rng):
+def test_nonlinear_rig_has_the_likelihood_of_another_filter(exported, here, rng):
     experiment, u = pendulum_case(rng)
     experiment = replace(experiment, start_sd={"angle": 0.1, "v": 0.2})
     process = ProcessNoise({"angle": 0.05})
-    problem = Problem(built(PENDULUM), (experiment,), (PENDULUM_TARGETS,), process=process)
+    problem = Problem(exported(PENDULUM), (experiment,), (PENDULUM_TARGETS,), process=process)
     with NativeSimulator(problem, pool=here) as simulator:
         found = simulator.log_likelihood(np.array([PENDULUM_VALUES]), np.ones(3)).log_likelihood[0, 0]
     exact = pendulum_filter(experiment.time, u, experiment.measured, 3.0, 0.4, (0.05, 0.8), (0.1, 0.15), (0.1, 0.2))
     assert found == pytest.approx(exact, abs=1e-4)
 
 
-def test_slopes_of_predictions_and_variances_are_those_of_differences(built, here, rng):
+def test_slopes_of_predictions_and_variances_are_those_of_differences(exported, here, rng):
     experiment, _ = pendulum_case(rng)
     columns = range(len(PENDULUM_TARGETS))
     experiment, process = replace(experiment, start_sd={"angle": 0.1}), ProcessNoise()
-    problem = Problem(built(PENDULUM), (experiment,), (PENDULUM_TARGETS,), settings=EXACT, process=process)
+    problem = Problem(exported(PENDULUM), (experiment,), (PENDULUM_TARGETS,), settings=EXACT, process=process)
     step = 1e-4
     with NativeSimulator(problem, pool=here) as simulator:
         at = np.array(PENDULUM_VALUES)
@@ -241,17 +224,16 @@ def test_slopes_of_predictions_and_variances_are_those_of_differences(built, her
         np.testing.assert_allclose(slopes[0][0], expected, atol=2e-5 * np.max(np.abs(expected)))
 
 
-def test_without_diffusion_it_is_the_likelihood_of_white_noise(built, here, rng):
+def test_without_diffusion_it_is_the_likelihood_of_white_noise(exported, here, rng):
     experiment, _ = pendulum_case(rng)
     targets, values = PENDULUM_TARGETS[:2], np.array([PENDULUM_VALUES[:2]])
     noise = np.array([[0.1, 0.0, 0.0], [0.15, 0.0, 0.0]])
-    with NativeSimulator(Problem(built(PENDULUM), (experiment,), (targets,), settings=EXACT), pool=here) as simulator:
-        plain = simulator.log_likelihood(values, noise).log_likelihood
-    process = ProcessNoise(reading_sd={"angle": 0.1, "height": 0.15})
-    problem = Problem(built(PENDULUM), (experiment,), (targets,), settings=EXACT, process=process)
-    with NativeSimulator(problem, pool=here) as simulator:
-        filtered = simulator.log_likelihood(values, noise).log_likelihood
-    np.testing.assert_allclose(filtered, plain, rtol=1e-8)
+    found = []
+    for process in (None, ProcessNoise(reading_sd={"angle": 0.1, "height": 0.15})):
+        problem = Problem(exported(PENDULUM), (experiment,), (targets,), settings=EXACT, process=process)
+        with NativeSimulator(problem, pool=here) as simulator:
+            found.append(simulator.log_likelihood(values, noise).log_likelihood)
+    np.testing.assert_allclose(found[1], found[0], rtol=1e-8)
 
 
 def test_a_stiff_rig_without_derivatives_of_its_fmu(test_fmu, here, rng):

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 import pytest
 from runs import ran
+from test_engine_isolation import BLOW_UP, EXPECTED, FINE, NOT_A_NUMBER, REFUSE_START, STIFFEN, trouble
 
 from aero_bayes.modelica.compilers import export_fmu
 from aero_bayes.simulation.interface import (
@@ -168,9 +170,8 @@ end Swap;
     np.testing.assert_allclose(*found, atol=1e-8)
 
 
-def test_events_loops_and_other_tools_run_singly(tmp_path, test_fmu, here):
-    source = tmp_path / "Ball.mo"
-    source.write_text(
+def test_events_loops_and_other_tools_run_singly(exported, here):
+    model = exported(
         """model Ball
   parameter Real e = 0.7;
   output Real h(start = 1, fixed = true);
@@ -184,7 +185,6 @@ equation
 end Ball;
 """
     )
-    model = Model.load(export_fmu("Ball", tmp_path / "Ball.fmu", compiler="embedded", sources=source))
     problem = Problem(model, (Experiment(np.linspace(0.0, 1.0, 11), ("h",)),), ((ParameterTarget("e"),),))
     found = ran(problem, here, np.linspace(0.1, 0.9, 9)[:, None])
     fall = np.sqrt(2.0 / 9.81)
@@ -196,39 +196,30 @@ end Ball;
     np.testing.assert_allclose(found.outputs[0][:, 5, 0], expected, atol=1e-6)
 
 
-FINE, NOT_A_NUMBER, REFUSE_START, STIFFEN, BLOW_UP, CRASH_AT_START, HANG_AT_START = 0, 6, 7, 11, 12, 25, 26
-EXPECTED = {
-    FINE: {Outcome.OK},
-    NOT_A_NUMBER: {Outcome.NOT_FINITE},
-    REFUSE_START: {Outcome.MODEL_ERROR},
-    STIFFEN: {Outcome.SOLVER_FAILED, Outcome.NOT_FINITE, Outcome.TIMED_OUT},
-    BLOW_UP: {Outcome.SOLVER_FAILED, Outcome.NOT_FINITE},
+CRASH_AT_START, HANG_AT_START = 25, 26
+ENDS = {mode: EXPECTED[mode] for mode in (FINE, NOT_A_NUMBER, REFUSE_START, STIFFEN, BLOW_UP)} | {
     CRASH_AT_START: {Outcome.CRASHED},
     HANG_AT_START: {Outcome.TIMED_OUT},
 }
+LANES = {"defines": ("LANES", "NO_CALLBACK")}
 
 
 @pytest.mark.long
 def test_failing_lanes_leave_the_others_alone(test_fmu):
-    model = test_fmu("Trouble", defines=("LANES", "NO_CALLBACK"))
-    time = np.linspace(0.0, 2.0, 41)
-    what = Experiment(time, ("x",), measured=np.zeros((41, 1)))
-    problem = Problem(model, (what,), ((ParameterTarget("mode"),),), settings=SolverSettings(time_limit=0.15))
-    modes = np.array([m for mode in EXPECTED for m in (FINE, mode, FINE, FINE)], dtype=float)
+    problem = trouble(test_fmu, **LANES)
+    modes = np.array([m for mode in ENDS for m in (FINE, mode, FINE, FINE)], dtype=float)
     with WorkerPool(1) as workers, NativeSimulator(problem, pool=workers) as simulator:
         alone = simulator.simulate(np.zeros((1, 1))).outputs[0][0]
         found = simulator.simulate(modes[:, None])
-    np.testing.assert_allclose(alone[:, 0], np.exp(-time), atol=1e-5)
+    np.testing.assert_allclose(alone[:, 0], np.exp(-problem.experiments[0].time), atol=1e-5)
     for mode, outcome, out in zip(modes, found.outcomes[:, 0], found.outputs[0], strict=True):
-        assert Outcome(outcome) in EXPECTED[int(mode)], mode
+        assert Outcome(outcome) in ENDS[int(mode)], mode
         assert np.array_equal(out, alone) if mode == FINE else np.all(np.isnan(out))
 
 
 def test_a_run_out_of_time_ends_alone(test_fmu, here):
-    model = test_fmu("Trouble", defines=("LANES", "NO_CALLBACK"))
-    what = Experiment(np.linspace(0.0, 2.0, 41), ("x",))
+    problem = trouble(test_fmu, **LANES)
     settings = SolverSettings(time_limit=0.05, max_steps=1_000_000_000)
-    problem = Problem(model, (what,), ((ParameterTarget("mode"),),), settings=settings)
-    found = ran(problem, here, np.array([[FINE], [STIFFEN], [FINE]], dtype=float))
+    found = ran(replace(problem, settings=settings), here, np.array([[FINE], [STIFFEN], [FINE]], dtype=float))
     assert list(found.outcomes[[0, 2], 0]) == [Outcome.OK, Outcome.OK]
     assert Outcome(found.outcomes[1, 0]) in EXPECTED[STIFFEN]

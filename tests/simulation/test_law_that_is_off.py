@@ -14,7 +14,7 @@ from aero_bayes.structure.attach import LawBlocks, attached
 from aero_bayes.structure.candidates import Candidate, place_law
 from aero_bayes.structure.compose import LawModels, law_models
 from aero_bayes.structure.coupled_fmu import couple
-from aero_bayes.structure.fmu_ports import FmuPlaces
+from aero_bayes.structure.fmu_family import FmuPlaces
 from aero_bayes.structure.law import Law, shipped_laws
 
 pytestmark = pytest.mark.fast

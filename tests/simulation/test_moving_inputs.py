@@ -14,7 +14,6 @@ from runs import ran
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
-from aero_bayes.modelica.compilers import export_fmu
 from aero_bayes.simulation.interface import (
     DelayTarget,
     Experiment,
@@ -67,6 +66,15 @@ def stop(_t: float, x: np.ndarray, u: float) -> list[float]:
     return [x[1], u - 25.0 * x[0] - 2.0 * x[1] - (40.0 * (x[0] - 0.02) if x[0] > 0.02 else 0.0)]
 
 
+BOTH = pytest.mark.parametrize(
+    ("text", "slope", "method", "interval", "size"),
+    [
+        pytest.param(MOTOR, motor, "LSODA", 0.02, 6.0, id="stiff"),
+        pytest.param(STOP, stop, "DOP853", 0.01, 1.0, id="events"),
+    ],
+)
+
+
 def reference(
     slope: Slope, time: np.ndarray, level: np.ndarray, interpolation: str, method: str, step: float
 ) -> np.ndarray:
@@ -83,28 +91,15 @@ def reference(
     return np.array(out)
 
 
-def build(folder: Path, name: str, text: str) -> Model:
-    """Export a model that is written here."""
-    source = folder / f"{name}.mo"
-    source.write_text(text, encoding="utf-8")
-    return Model.load(export_fmu(name, folder / f"{name}.fmu", compiler="embedded", sources=[source]))
-
-
 @pytest.mark.parametrize("interpolation", ["hold", "linear"])
-@pytest.mark.parametrize(
-    ("text", "slope", "method", "interval", "size"),
-    [
-        pytest.param(MOTOR, motor, "LSODA", 0.02, 6.0, id="stiff"),
-        pytest.param(STOP, stop, "DOP853", 0.01, 1.0, id="events"),
-    ],
-)
+@BOTH
 def test_no_further_from_the_reference_than_a_millionth_of_the_range(
-    tmp_path, here, interpolation, text, slope, method, interval, size
+    exported, here, interpolation, text, slope, method, interval, size
 ):
     rng = np.random.default_rng(2)
     time = interval * np.arange(81)
     level = size * (np.sin(time / (20.0 * interval)) + 0.2 * rng.standard_normal(time.size))
-    model = build(tmp_path, text.split()[1], text)
+    model = exported(text)
     signal = InputSignal("u", time, level, interpolation)
     problem = Problem(model, (Experiment(time, (model.outputs[0].name,), (signal,)),), ((),))
     found = ran(problem, here)
@@ -132,11 +127,11 @@ def test_a_linear_model_is_exact_at_uneven_samples_and_with_a_delay(test_fmu, he
     np.testing.assert_allclose(found, exact, atol=2e-9 if delay == 0.0 else 2e-8)
 
 
-def test_a_tighter_tolerance_is_kept_too(tmp_path, here):
+def test_a_tighter_tolerance_is_kept_too(exported, here):
     time = 0.02 * np.arange(101)
     level = 6.0 * np.sin(time) + np.random.default_rng(3).standard_normal(time.size)
     experiment = Experiment(time, ("w",), (InputSignal("u", time, level),))
-    problem = Problem(build(tmp_path, "Motor", MOTOR), (experiment,), ((),), settings=SolverSettings(1e-9, 1e-9))
+    problem = Problem(exported(MOTOR), (experiment,), ((),), settings=SolverSettings(1e-9, 1e-9))
     found = ran(problem, here).outputs[0][0, :, 0]
     exact = reference(motor, time, level, "hold", "LSODA", 0.02)
     assert np.abs(found - exact).max() <= 2e-8 * np.ptp(exact)
@@ -151,11 +146,11 @@ def test_a_tighter_tolerance_is_kept_too(tmp_path, here):
     ],
 )
 def test_sensitivities_meet_the_differences_of_tight_runs(
-    tmp_path, here, interpolation, text, parameters, interval, size
+    exported, here, interpolation, text, parameters, interval, size
 ):
     time = interval * np.arange(121)
     level = size * (np.sin(time / (20.0 * interval)) + 0.2 * np.random.default_rng(2).standard_normal(time.size))
-    model = build(tmp_path, text.split()[1], text)
+    model = exported(text)
     experiment = Experiment(time, (model.outputs[0].name,), (InputSignal("u", time, level, interpolation),))
     targets = (*(ParameterTarget(p) for p in parameters), DelayTarget())
     values = np.array([*(float(model.parameter(p).start) for p in parameters), 0.3 * interval])
@@ -199,18 +194,14 @@ class Slave:
         return np.array(found)
 
 
-@pytest.mark.parametrize(
-    ("text", "slope", "method", "interval", "size"),
-    [
-        pytest.param(MOTOR, motor, "LSODA", 0.02, 6.0, id="stiff"),
-        pytest.param(STOP, stop, "DOP853", 0.01, 1.0, id="events"),
-    ],
-)
-def test_exported_co_simulation_is_accurate_and_restarts_from_a_state(tmp_path, text, slope, method, interval, size):
+@BOTH
+def test_exported_co_simulation_is_accurate_and_restarts_from_a_state(
+    exported, tmp_path, text, slope, method, interval, size
+):
     rng = np.random.default_rng(2)
     time = interval * np.arange(81)
     level = size * (np.sin(time / (20.0 * interval)) + 0.2 * rng.standard_normal(time.size))
-    slave = Slave(build(tmp_path, text.split()[1], text), tmp_path / "unpacked")
+    slave = Slave(exported(text), tmp_path / "unpacked")
     slave.begin()
     early = slave.run(time[:41], level[:41])
     state = slave.fmu.getFMUState()

@@ -7,11 +7,11 @@ import os
 import signal
 import subprocess
 import sys
-import zipfile
 from pathlib import Path
 
 import numpy as np
 import pytest
+from test_model_load import edited_binary, rewrite
 
 from aero_bayes.errors import InputError
 from aero_bayes.files import ScratchFolder, sweep
@@ -83,11 +83,8 @@ def test_a_forked_child_leaves_its_parents_folder():
 
 
 def test_a_simulator_that_cannot_start_leaves_nothing(test_fmu, tmp_path, monkeypatch):
-    good = test_fmu("Dahlquist")
-    broken = tmp_path / "broken.fmu"
-    with zipfile.ZipFile(good.path) as source, zipfile.ZipFile(broken, "w") as target:
-        for name in source.namelist():
-            target.writestr(name, source.read(name).replace(b"\0libm.so.6\0", b"\0libq.so.3\0"))
+    edit = edited_binary(lambda data: data.replace(b"\0libm.so.6\0", b"\0libq.so.3\0"))
+    broken = rewrite(test_fmu("Dahlquist").path, tmp_path / "broken.fmu", edit)
     temporary = tmp_path / "temporary"
     temporary.mkdir()
     monkeypatch.setattr("tempfile.tempdir", str(temporary))

@@ -90,7 +90,8 @@ def test_two_effects_are_told_apart(folder: Path, short: Path, config: Path) -> 
     pair = ["pivot_coulomb_friction", "body_quadratic_drag"]
     out = folder / "apart"
     result = design(
-        out, "--data", short, "--config", config, "--separate", *pair, "--duration", 8, "--rate", 25, "--workers", 1,
+        out, "--data", short, "--model", "Aero.Systems.OneDof", "--config", config, "--separate", *pair,
+        "--duration", 8, "--rate", 25, "--workers", 1,
     )  # fmt: skip
     assert result.exit_code == 0, result.output
     plan = json.loads((out / "result.json").read_text("utf-8"))["design"]

@@ -45,7 +45,7 @@ def test_the_engines_fit_alike(tmp_path: Path) -> None:
     for engine in ("native", "fmpy"):
         out = tmp_path / engine
         arguments = ["fit", "--data", str(data), "--config", str(config), "--out", str(out), "--engine", engine]
-        result = CliRunner().invoke(main, [*arguments, "--quiet"])
+        result = CliRunner().invoke(main, [*arguments, "--model", "Aero.Systems.OneDof", "--quiet"])
         assert result.exit_code == 0, result.output
         found[engine] = json.loads((out / "result.json").read_text("utf-8"))
     for name in ("R_a", "k_t"):

@@ -219,7 +219,7 @@ def rig(folder: Path) -> Job:
 
 @pytest.fixture(scope="module")
 def aero(folder: Path) -> Job:
-    return open_job([folder / "aero.csv"], RunOptions(folder / "out-aero"))
+    return open_job([folder / "aero.csv"], RunOptions(folder / "out-aero", "Aero.Systems.OneDof"))
 
 
 def opened(folder: Path, text: str) -> Job:

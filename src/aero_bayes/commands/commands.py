@@ -57,18 +57,22 @@ from aero_bayes.plain import plain
 from aero_bayes.progress import ProgressBar
 from aero_bayes.report import words
 from aero_bayes.report.page import write_run_page
-from aero_bayes.report.results import merge, recording_row, versions, write_result, write_series
-from aero_bayes.report.schema_run import SCHEMA, RunJson
-from aero_bayes.report.series import (
+from aero_bayes.report.results import (
     Series,
     band_series,
     fitted_series,
     loop_series,
     measured_series,
+    merge,
     only_measured,
+    recording_row,
     state_series,
     unfitted_series,
+    versions,
+    write_result,
+    write_series,
 )
+from aero_bayes.report.schema_run import SCHEMA, RunJson
 from aero_bayes.simulation.engines import open_simulator
 from aero_bayes.simulation.model import ModelicaSource
 

@@ -32,8 +32,7 @@ from aero_bayes.estimate.result import Fit
 from aero_bayes.estimate.signal_search import SearchSettings
 from aero_bayes.plain import plain
 from aero_bayes.progress import ProgressBar
-from aero_bayes.report.results import merge
-from aero_bayes.report.series import Series
+from aero_bayes.report.results import Series, merge
 from aero_bayes.simulation.engines import open_simulator
 from aero_bayes.simulation.model import Model
 from aero_bayes.structure.law_places import CandidateFilter, LawPlaces

@@ -27,8 +27,8 @@ from aero_bayes.estimate.parameters import ParameterSet, parameters_from_model
 from aero_bayes.files import write_whole
 from aero_bayes.modelica.class_reader import build_tree, read_library
 from aero_bayes.modelica.embedded import explicit_model
+from aero_bayes.modelica.parse import without_indices
 from aero_bayes.modelica.sources import main_class, modelica_files
-from aero_bayes.modelica.tokens import without_indices
 from aero_bayes.modelica.units import TEMPERATURES, base_units, conversion, to_modelica_unit
 from aero_bayes.simulation.engines import open_simulator
 from aero_bayes.simulation.load_model import load_model

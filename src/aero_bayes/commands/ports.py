@@ -43,7 +43,7 @@ from aero_bayes.simulation.workers import WorkerPool
 from aero_bayes.structure.balance import Port, PortKind, port_table, signal_expression
 from aero_bayes.structure.candidates import describe_law, identifier
 from aero_bayes.structure.compose import with_probes
-from aero_bayes.structure.fmu_ports import FmuPlaces
+from aero_bayes.structure.fmu_family import FmuPlaces
 from aero_bayes.structure.law import SIGNAL_DEFAULTS
 from aero_bayes.structure.law_places import LawPlaces
 from aero_bayes.structure.modelica_family import ModelicaFamily

@@ -35,9 +35,9 @@ from aero_bayes.modelica.compilers import export_fmu
 from aero_bayes.modelica.compose import set_elements
 from aero_bayes.modelica.embedded import export_flat
 from aero_bayes.modelica.flat import FlatModel, FlatVariable
+from aero_bayes.modelica.parse import without_indices
 from aero_bayes.modelica.rumoca_front import load_flat
 from aero_bayes.modelica.syntax import Array, Number
-from aero_bayes.modelica.tokens import without_indices
 from aero_bayes.simulation.interface import ParameterTarget, StartTarget
 from aero_bayes.simulation.model import Model, ModelicaSource
 from aero_bayes.simulation.probed_facts import start_parameters

@@ -241,6 +241,10 @@ def calibrate(
     if not recordings:
         raise InputError("no recording was given")
     check_plausible(recordings, model)
+    driven = {variable.name for variable in model.inputs}
+    for recording in recordings:
+        if unknown := [name for name in recording.inputs if name not in driven]:
+            raise InputError(f"{recording.name}: model {model.name} has no input {unknown[0]}")
     outputs = _outputs(recordings, model, settings)
     if isinstance(settings.interpolation, Mapping):
         check_inputs(recordings, settings.interpolation, "interpolation")

@@ -263,9 +263,6 @@ def _check_inputs(recording: Recording, model: Model) -> None:
             f"{', '.join(there)}{meant}); name it in [data] inputs and [data.columns.{missing[0]}], or give it a "
             f"value: [data] constants = {{{missing[0]} = ...}}"
         )
-    driven = {variable.name for variable in model.inputs}
-    if unknown := [name for name in recording.inputs if name not in driven]:
-        raise InputError(f"{recording.name}: model {model.name} has no input {unknown[0]}")
 
 
 def _check_temperatures(recording: Recording, model: Model) -> None:

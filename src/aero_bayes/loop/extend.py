@@ -20,7 +20,8 @@ from aero_bayes.loop.search import Search
 from aero_bayes.loop.table import Table, Terms, law_of
 from aero_bayes.loop.unseen import Prediction
 from aero_bayes.plain import plain
-from aero_bayes.structure.model_family import CurveBasis, ExtendedModel
+from aero_bayes.structure.modelica_family import ExtendedModel
+from aero_bayes.structure.open_ports import CurveBasis
 
 
 @dataclass(frozen=True, eq=False)

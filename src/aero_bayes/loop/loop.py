@@ -34,8 +34,7 @@ from aero_bayes.simulation.interface import ParameterTarget
 from aero_bayes.simulation.model import Model, ModelicaSource
 from aero_bayes.simulation.python_model import PythonModel
 from aero_bayes.simulation.workers import WorkerPool
-from aero_bayes.structure.fmu_family import FmuFamily
-from aero_bayes.structure.fmu_ports import FmuPlaces
+from aero_bayes.structure.fmu_family import FmuFamily, FmuPlaces
 from aero_bayes.structure.law_places import CandidateFilter, LawPlaces
 from aero_bayes.structure.modelica_family import ModelicaFamily
 

@@ -18,8 +18,7 @@ from aero_bayes.estimate.parameters import Parameter, ParameterSet, prior_curvat
 from aero_bayes.estimate.residual_tests import check_residuals
 from aero_bayes.loop.table import Terms
 from aero_bayes.simulation.interface import ParameterTarget
-from aero_bayes.structure.model_family import CandidateTerm, OpenSimulator
-from aero_bayes.structure.modelica_family import ModelicaFamily
+from aero_bayes.structure.modelica_family import CandidateTerm, ModelicaFamily, OpenSimulator
 
 #: What the id of a value that is held fixed and may be wrong begins with: ``value@J_p``.
 VALUE = "value@"

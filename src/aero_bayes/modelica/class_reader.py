@@ -19,9 +19,17 @@ from aero_bayes.modelica.classes import (
     annotation_arguments,
     dotted_name,
 )
-from aero_bayes.modelica.parse import sides_of
+from aero_bayes.modelica.parse import (
+    Token,
+    find_outside,
+    line_of,
+    sides_of,
+    skip_group,
+    tokenize,
+    without_indices,
+    words_of,
+)
 from aero_bayes.modelica.syntax import Array, Expression, Name
-from aero_bayes.modelica.tokens import Token, find_outside, line_of, skip_group, tokenize, without_indices, words_of
 
 _CLASS_PREFIXES = frozenset(
     {"encapsulated", "partial", "final", "inner", "outer", "replaceable", "redeclare", "expandable", "pure", "impure"}

@@ -8,9 +8,8 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 
 from aero_bayes.errors import InputError
-from aero_bayes.modelica.parse import parse_expression
+from aero_bayes.modelica.parse import Token, find_outside, parse_expression, skip_group, split_outside
 from aero_bayes.modelica.syntax import Expression, arguments_of
-from aero_bayes.modelica.tokens import Token, find_outside, skip_group, split_outside
 
 CLASS_WORDS = frozenset(
     {"class", "model", "block", "record", "connector", "type", "package", "function", "operator"}

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
 from aero_bayes.modelica.classes import ClassText, SourceStatement
-from aero_bayes.modelica.tokens import Token, tokenize, words_of
+from aero_bayes.modelica.parse import Token, tokenize, words_of
 
 
 @dataclass(frozen=True)

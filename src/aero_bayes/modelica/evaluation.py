@@ -13,7 +13,7 @@ from aero_bayes.modelica.arrays import Record, ShapeError, Value, scalars
 from aero_bayes.modelica.expression import Builder, Node
 from aero_bayes.modelica.flat import Function
 from aero_bayes.modelica.operators import Events, Operators, call_table, is_table_function
-from aero_bayes.modelica.parse import BINARY, OPERATORS, RELATIONS, UNARY
+from aero_bayes.modelica.parse import BINARY, OPERATORS, RELATIONS, UNARY, SourceLocation
 from aero_bayes.modelica.syntax import (
     Array,
     Call,
@@ -29,7 +29,6 @@ from aero_bayes.modelica.syntax import (
     WholeDimension,
     short_text,
 )
-from aero_bayes.modelica.tokens import SourceLocation
 
 ARRAY_FUNCTIONS = frozenset(
     {"sum", "product", "min", "max", "size", "ndims", "fill", "zeros", "ones", "scalar", "vector", "matrix",

@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 from itertools import product
 from typing import Literal
 
+from aero_bayes.modelica.parse import SourceLocation
 from aero_bayes.modelica.syntax import Expression, Statement, WhenStatement
-from aero_bayes.modelica.tokens import SourceLocation
 
 Variability = Literal["continuous", "discrete", "parameter", "constant"]
 Causality = Literal["local", "input", "output"]

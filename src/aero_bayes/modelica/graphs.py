@@ -23,7 +23,7 @@ def reachable(begin: Iterable[T], onward: Callable[[T], Iterable[T]]) -> dict[T,
 def assign(options: Sequence[Iterable[T]]) -> dict[T, int]:
     """Give as many as can one of their options each, the first ones first, by augmenting paths.
 
-    Returns who has an option."""
+    Returns, by option, the index of the one that has it."""
     owner: dict[T, int] = {}
 
     def place(k: int, seen: set[T]) -> bool:

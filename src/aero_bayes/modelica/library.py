@@ -18,8 +18,8 @@ from aero_bayes.declared import DECLARATION_FILE, DECLARATION_MEMBER, PackageDec
 from aero_bayes.errors import InputError
 from aero_bayes.files import user_cache, write_whole
 from aero_bayes.modelica.class_reader import read_classes
+from aero_bayes.modelica.parse import tokenize, without_comments, words_of
 from aero_bayes.modelica.sources import modelica_files, read_modelica_text
-from aero_bayes.modelica.tokens import tokenize, without_comments, words_of
 from aero_bayes.unknown_names import no_such_file
 
 _OWN = ("~/.openmodelica/libraries", "/usr/lib/omlibrary", "/opt/openmodelica/lib/omlibrary")

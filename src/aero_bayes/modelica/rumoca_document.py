@@ -27,7 +27,7 @@ from aero_bayes.modelica.flat import (
     Variability,
     When,
 )
-from aero_bayes.modelica.tokens import SourceLocation
+from aero_bayes.modelica.parse import SourceLocation
 
 Json = dict[str, Any]
 

@@ -12,7 +12,7 @@ from aero_bayes.errors import InputError
 from aero_bayes.modelica.class_reader import read_classes
 from aero_bayes.modelica.classes import ClassText, ComponentDeclaration, SourceStatement, innermost
 from aero_bayes.modelica.edits import TextEdit, add_equations, apply_edits, replace_names
-from aero_bayes.modelica.tokens import (
+from aero_bayes.modelica.parse import (
     SourceLocation,
     Token,
     find_outside,

@@ -18,7 +18,7 @@ from aero_bayes.modelica.expression import Builder, Node, evaluate_nodes, topolo
 from aero_bayes.modelica.graphs import reachable
 from aero_bayes.modelica.linear_equations import AlgebraicLoop
 from aero_bayes.modelica.operators import Relation
-from aero_bayes.modelica.tokens import without_indices
+from aero_bayes.modelica.parse import without_indices
 
 
 @dataclass(frozen=True)

@@ -185,14 +185,15 @@ def _sample(
     fits = mode_fits(fit, simulator) if fit.modes else (fit,)
     joints = [one.joint_target(simulator) for one in fits]
     regions = [Region(joint, fits, k) for k, joint in enumerate(joints)]
+    keys = [digest(f.calibration.identity, f.free, f.values, f.noise) for f in fits]
     own = replace(settings, max_minutes=settings.max_minutes / len(fits))
     chains = [
         run_chain(
             joint if len(fits) == 1 else region,
             WarpedStudentT.of(one.laplace.mean, one.laplace.covariance, settings.dof, joint.axes),
-            own, seed, checkpoint=checkpoint, identity=identity(one), progress=progress,
+            own, seed, checkpoint=checkpoint, identity=key, progress=progress,
         )
-        for one, joint, region in zip(fits, joints, regions, strict=True)
+        for one, joint, region, key in zip(fits, joints, regions, keys, strict=True)
     ]  # fmt: skip
     _refuse_unsettled(chains, settings, progress)
     rng = np.random.default_rng([seed, 1])
@@ -240,11 +241,6 @@ def _refuse_unsettled(chains: Sequence[Chain], settings: SampleSettings, progres
         cause = f"the time limit of {settings.max_minutes:g} minutes passed"
         cause = "sampling was interrupted" if progress.asked_to_end else cause
         raise CannotFinishError(f"{cause} before the sampler had settled")
-
-
-def identity(fit: Fit) -> str:
-    """Hash of what makes a posterior this one: model, data, parameters, noise kinds."""
-    return digest(fit.calibration.identity, fit.free, fit.values, fit.noise)
 
 
 def _thin(chain: Chain, draws: int) -> tuple[FloatArray, FloatArray]:

@@ -13,11 +13,11 @@ from aero_bayes.errors import InputError
 from aero_bayes.files import write_whole
 from aero_bayes.report.curves import FINAL_SERIES, largest, left_over
 from aero_bayes.report.drawing import Line, Panel, Plate, plate
-from aero_bayes.report.page import fill
+from aero_bayes.report.page import Part, Parts, fill, with_parts
 from aero_bayes.report.run_directory import RunDirectory
 from aero_bayes.report.schema_estimate import ParameterJson
 from aero_bayes.report.svg import SERIES
-from aero_bayes.report.tables import Column, generic_cell, html_table, intervals_glyph, parameter_quantity, status_pill
+from aero_bayes.report.tables import generic_cell, html_table, intervals_glyph, parameter_quantity, status_pill
 from aero_bayes.report.text import NO_VALUE, pretty_unit, scaled_unit, signal_title, significant, symbol
 
 Runs = Mapping[str, RunDirectory]
@@ -28,14 +28,20 @@ def write_comparison(directories: Sequence[Path | str], out: Path | str) -> Path
     if not 2 <= len(directories) <= len(SERIES):
         raise InputError(f"{len(directories)} runs cannot be compared; expected 2 to {len(SERIES)} directories")
     runs = dict(zip(_names([Path(d) for d in directories]), map(RunDirectory.read, directories), strict=True))
+    verdicts = {name: run.result.verdict for name, run in runs.items()}
+    residuals = _residual_plates(runs) or ["The runs have no recording in common."]
+    settings = _settings_table(runs) or "All settings are the same."
     context = {
-        "title": " against ".join(runs),
-        "legend": [(SERIES[k], name) for k, name in enumerate(runs)],
-        "verdicts": [(name, run.result.verdict) for name, run in runs.items()],
-        "parameters": _estimates_by_run_table(runs),
-        "errors": _rms_by_run_table(runs), "residuals": _residual_plates(runs), "settings": _settings_table(runs),
+        "title": " against ".join(runs), "kicker": "aero-bayes · compare", "simulated": False, "warnings": (),
+        "legend": [(SERIES[k], name) for k, name in enumerate(runs)], "finding": (), "opening": (),
+        "verdicts": [(found.level, name, found.text) for name, found in verdicts.items() if found],
+        "sections": with_parts(
+            Parts("Parameters", [_estimates_by_run_table(runs) or ""], "parameters"),
+            Parts("Residuals", [_rms_by_run_table(runs) or "", *residuals], "residuals"),
+            Parts("Settings", [settings], "settings"),
+        ),
     }  # fmt: skip
-    return write_whole(Path(out), fill("compare.html.jinja", context, [run.result for run in runs.values()]))
+    return write_whole(Path(out), fill("page.html.jinja", context, [run.result for run in runs.values()]))
 
 
 def _names(directories: Sequence[Path]) -> list[str]:
@@ -65,13 +71,10 @@ def _estimates_by_run_table(runs: Runs) -> Markup | None:
     for name, entries in _shared(runs).items():
         unit = next((pretty_unit(entry.unit) for entry in entries.values()), "")
         sure = [e if (e := entries.get(run)) and parameter_quantity(e)[1] else None for run in runs]
-        drawn = intervals_glyph(name, sure, SERIES)
+        drawn = intervals_glyph(name, sure, SERIES) if len(sure) - sure.count(None) > 1 else ""
         shown = (_estimate(entries.get(run)) for run in runs)
         rows.append((symbol(name), drawn, unit, *shown, _apart(list(entries.values()))))
-    heads: tuple[Column | str, ...] = (
-        "parameter", "a scale for each row", "unit", *(Column(run, "right") for run in runs),
-        Column("largest difference (combined sd)", "right"),
-    )  # fmt: skip
+    heads = ("parameter", "a scale for each row", "unit", *runs, "largest difference (combined sd)")
     return html_table(heads, rows, "Parameters, with 90 % intervals") if rows else None
 
 
@@ -94,14 +97,14 @@ def _apart(entries: Sequence[ParameterJson]) -> str:
     return significant(max(gaps), 2) if gaps else NO_VALUE
 
 
-def _residual_plates(runs: Runs) -> list[tuple[str, Plate]]:
+def _residual_plates(runs: Runs) -> list[Part]:
     """Return residuals of all runs for each recording that at least two of them have."""
     names = dict.fromkeys(name for run in runs.values() for name in run.recordings())
-    found = []
+    found: list[Part] = []
     for name in names:
         seen = {k: run for k, run in runs.items() if name in run.recordings()}
         if len(seen) > 1 and (drawn := _residual_plate(runs, seen, name)) is not None:
-            found.append((name, drawn))
+            found += [Markup("<h3>{}</h3>").format(name), drawn]
     return found
 
 
@@ -137,8 +140,7 @@ def _rms_by_run_table(runs: Runs) -> Markup | None:
         unit = next(filter(None, (run.result.unit(output) for run in runs.values())), "")
         if any(size is not None for size in sizes):
             rows.append((recording, symbol(output), pretty_unit(unit), *(significant(size) for size in sizes)))
-    heads = [Column(run, "right") for run in runs]
-    return html_table(("recording", "output", "unit", *heads), rows, "RMS of the residual") if rows else None
+    return html_table(("recording", "output", "unit", *runs), rows, "RMS of the residual") if rows else None
 
 
 def _rms(run: RunDirectory, recording: str, output: str) -> float | None:

@@ -10,12 +10,12 @@ from itertools import pairwise
 
 import numpy as np
 from markupsafe import Markup
+from numpy.typing import NDArray
 
 from aero_bayes.arrays import FloatArray
 from aero_bayes.report.svg import INK, WIDTH, Canvas
-from aero_bayes.report.tables import Column, html_table
+from aero_bayes.report.tables import html_table
 from aero_bayes.report.text import minus, tidy
-from aero_bayes.report.thinning import band_envelope, column_means, envelope
 
 _TITLE, _GAP, _FOOT = 27.0, 9.0, 40.0
 #: Time columns of an envelope: more than one for every two pixels of a wide figure, and of a small one.
@@ -90,7 +90,8 @@ class Panel:
 class Plate:
     """A figure: its drawing, alternative text and table.
 
-    Figures of one ``link`` zoom together; ``series`` are the curves at full resolution that the script draws from."""
+    Figures of one ``link`` zoom together; ``series`` are the curves at full resolution that the script draws from. One
+    that ``scrolls`` keeps its width on a narrow screen."""
 
     drawing: Markup
     alt: str
@@ -99,6 +100,7 @@ class Plate:
     table: Markup | None = None
     link: str = ""
     series: dict[str, FloatArray] = field(default_factory=dict)
+    scrolls: bool = False
 
 
 def plate(
@@ -316,10 +318,10 @@ def data_table(panels: Sequence[Panel], x_label: str, alt: str) -> Markup | None
     ]
     if not shown:
         return None
-    heads = [Column(x_label)]
+    heads = [x_label]
     for panel, layer in shown:
         words = f"{layer.label}, RMS" if isinstance(layer, Line) and layer.rms else layer.label
-        heads.append(Column(f"{panel.title}: {words}", "right"))
+        heads.append(f"{panel.title}: {words}")
     rows = [
         (f"{tidy(first)} … {tidy(last)}", *(_cell(layer, first, last) for _, layer in shown))
         for first, last in pairwise(np.linspace(*limits_of_x(panels), _STRETCHES + 1).tolist())
@@ -340,3 +342,51 @@ def _mean(values: FloatArray, *, root: bool = False) -> str:
     if not known.size:
         return "–"
     return minus(tidy(float(np.sqrt(known.mean()) if root else known.mean()), 4))
+
+
+def envelope(time: FloatArray, values: FloatArray, columns: int) -> tuple[FloatArray, FloatArray]:
+    """Thin a series to the least and the greatest value of every time column.
+
+    A dropped sample can hide a spike; the extremes of each column, joined by lines, look as the whole series does."""
+    if len(time) <= 2 * columns:
+        return time, values
+    starts = _column_starts(time, columns)
+    low = np.fmin.reduceat(values, starts)
+    high = np.fmax.reduceat(values, starts)
+    ends = np.append(starts[1:], len(time)) - 1
+    falling = values[ends] < values[starts]
+    thinned = np.empty(2 * len(starts))
+    thinned[0::2] = np.where(falling, high, low)
+    thinned[1::2] = np.where(falling, low, high)
+    times = np.empty_like(thinned)
+    times[0::2] = time[starts]
+    times[1::2] = time[ends]
+    return times, thinned
+
+
+def band_envelope(
+    time: FloatArray, low: FloatArray, high: FloatArray, columns: int
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Thin a band to its least lower and greatest upper edge of every time column."""
+    if len(time) <= columns:
+        return time, low, high
+    starts = _column_starts(time, columns)
+    ends = np.append(starts[1:], len(time)) - 1
+    middle = 0.5 * (time[starts] + time[ends])
+    middle[0], middle[-1] = time[0], time[-1]
+    return middle, np.fmin.reduceat(low, starts), np.fmax.reduceat(high, starts)
+
+
+def column_means(time: FloatArray, values: FloatArray, columns: int) -> tuple[FloatArray, FloatArray]:
+    """Compute the mean of every time column: the slow part of a noisy series."""
+    starts = _column_starts(time, columns)
+    sizes = np.add.reduceat(np.isfinite(values).astype(np.float64), starts)
+    sums = np.add.reduceat(np.where(np.isfinite(values), values, 0.0), starts)
+    ends = np.append(starts[1:], len(time)) - 1
+    return 0.5 * (time[starts] + time[ends]), np.divide(sums, sizes, out=np.full(len(starts), np.nan), where=sizes > 0)
+
+
+def _column_starts(time: FloatArray, columns: int) -> NDArray[np.intp]:
+    span = time[-1] - time[0]
+    column = np.minimum(((time - time[0]) / span * columns).astype(np.intp), columns - 1)
+    return np.flatnonzero(np.diff(column, prepend=-1))

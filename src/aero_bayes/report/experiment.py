@@ -14,7 +14,7 @@ from aero_bayes.report.run_directory import RunDirectory
 from aero_bayes.report.schema_estimate import QuantilesJson
 from aero_bayes.report.schema_run import DesignJson
 from aero_bayes.report.svg import INK, SERIES
-from aero_bayes.report.tables import Column, bar, html_table, parameter_quantity
+from aero_bayes.report.tables import bar, html_table, parameter_quantity
 from aero_bayes.report.text import (
     NO_VALUE,
     duration,
@@ -33,31 +33,27 @@ _TIME = "plan/time"
 DECISIVE = 3.0
 
 
-def experiment(run: RunDirectory) -> dict[str, Any] | None:
-    """Return what the page shows of a run of ``aero-bayes design``; None for other runs."""
+def experiment(run: RunDirectory) -> list[Any]:
+    """Return what the page shows of a run of ``aero-bayes design``: nothing of other runs."""
     plan, words = run.result.design, run.result.effect_words()
     if plan is None:
-        return None
-    separate = plan.kind == "separate"
-    return {
-        "lead": _lead(plan, words), "file": plan.file, "signal": _signal(run, plan),
-        "gains": None if separate else _gains(plan), "models": _models(plan, words) if separate else None,
-        "expectation": _separation(plan, words) if separate else None,
-        "families": _families(plan), "limits": _limits(run, plan),
-    }  # fmt: skip
+        return []
+    lead = Markup('<p class="lead">{}</p>').format(_lead(plan, words))
+    found = [_models(plan, words), Markup("<p>{}</p>").format(_separation(plan, words))]
+    found = found if plan.kind == "separate" else [_gains(plan)]
+    return [lead, _signal(run, plan), *found, _families(plan), _limits(run, plan)]
 
 
 def _lead(plan: DesignJson, words: dict[str, str]) -> Markup:
-    length = f"{duration(plan.duration)}, {plan.family}"
+    length = Markup("{}, {}.").format(duration(plan.duration), plan.family)
+    if plan.file:
+        where = " The signal is in <code>{}</code>: one row per sample, each value holds until the next."
+        length += Markup(where).format(plan.file)
     if plan.kind == "separate":
-        first, second = plan.effects
-        lead = Markup("This input would best tell {} from {}: {}.").format(
-            named_effect(first, words), named_effect(second, words), length
-        )
-        return lead
-    aimed = [name for name, entry in plan.parameters.items() if entry.target]
-    names = Markup(", ").join(symbol(name) for name in aimed)
-    return Markup("This input would narrow the intervals of {} most: {}.").format(names, length)
+        first, second = (named_effect(id_, words) for id_ in plan.effects)
+        return Markup("This input would best tell {} from {}: {}").format(first, second, length)
+    names = Markup(", ").join(symbol(name) for name, entry in plan.parameters.items() if entry.target)
+    return Markup("This input would narrow the intervals of {} most: {}").format(names, length)
 
 
 def _signal(run: RunDirectory, plan: DesignJson) -> Plate | None:
@@ -117,8 +113,8 @@ def _gains(plan: DesignJson) -> Markup | None:
             bar((entry.gain or 0.0) / most, f"{name}: {significant(entry.gain)} times narrower"), _times(entry.gain),
         ))  # fmt: skip
     columns = (
-        "parameter", Column("value", "right"), "unit", Column("now", "right"), Column("expected after", "right"),
-        Column("old input again", "right"), "", Column("times narrower", "right"),
+        "parameter", "value", "unit", "now", "expected after",
+        "old input again", "", "times narrower",
     )  # fmt: skip
     caption = "Standard deviations in per cent of the value (marked: the parameters that the signal is for)"
     return html_table(columns, rows, caption, marked) if rows else None
@@ -140,7 +136,7 @@ def _models(plan: DesignJson, words: dict[str, str]) -> Markup | None:
             shown, sure = parameter_quantity(stated)
             interval = f"{shown.low} … {shown.high}" if sure else NO_VALUE
             rows.append((named_effect(entry.id, words), symbol(name), shown.value, interval, shown.unit))
-    columns = ("effect", "parameter", Column("value", "right"), Column("90 % interval", "right"), "unit")
+    columns = ("effect", "parameter", "value", "90 % interval", "unit")
     return html_table(columns, rows, "The two effects, fitted to the present recordings") if rows else None
 
 
@@ -179,7 +175,7 @@ def _families(plan: DesignJson) -> Markup | None:
         for name, value in sorted(worth.items(), key=lambda item: -item[1])
     ]
     head = "difference in log-evidence" if separate else "times narrower"
-    return html_table(("kind of signal", "", Column(head, "right")), rows, "The best signal of each kind")
+    return html_table(("kind of signal", "", head), rows, "The best signal of each kind")
 
 
 def _limits(run: RunDirectory, plan: DesignJson) -> Markup | None:
@@ -191,5 +187,5 @@ def _limits(run: RunDirectory, plan: DesignJson) -> Markup | None:
     for name, limit in plan.limits.travel.items():
         reached = plan.travel.get(name)
         rows.append((symbol(name), significant(reached), significant(limit), pretty_unit(run.result.unit(name))))
-    columns = ("", Column("largest", "right"), Column("limit", "right"), "unit")
+    columns = ("", "largest", "limit", "unit")
     return html_table(columns, [(a, minus(b), minus(c), d) for a, b, c, d in rows], "Demands on the rig")

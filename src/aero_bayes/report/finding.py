@@ -1,7 +1,8 @@
-"""Head of a loop's page: what is missing, how we know, how sure it is."""
+"""Head of the page (what is missing, how we know, how sure it is; warnings), and its end (provenance)."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from markupsafe import Markup
@@ -12,38 +13,22 @@ from aero_bayes.report import words
 from aero_bayes.report.drawing import Plate
 from aero_bayes.report.loop_figures import changed_equations, curve_plate
 from aero_bayes.report.schema_run import EffectJson, LoopJson, RecordingErrorJson, RunJson
-from aero_bayes.report.tables import Column, html_table
-from aero_bayes.report.text import signed, symbol
+from aero_bayes.report.tables import generic_cell, html_table
+from aero_bayes.report.text import count, duration, role_words, signed, symbol, tidy
 
 #: Outputs whose bars are drawn, those whose error falls most; the table of errors has all.
 MOST_BARS = 3
 #: Limits of laws that are named where nothing was found.
 MOST_LIMITS = 4
-
-
-@dataclass(frozen=True)
-class Bar:
-    """One bar: its label, how long it is (% of the longest), its value in words, and its class."""
-
-    label: str
-    length: float
-    value: str
-    css: str
+_HASH_SHOWN = 16
 
 
 @dataclass(frozen=True)
 class Finding:
-    """The three parts of the head."""
+    """The three parts of the head, each with its heading, and the curves that were learned, for below."""
 
-    named: list[tuple[str, str, str]]
-    none: str
-    equations: Markup | None
-    values: list[str]
-    bars: list[tuple[Markup, list[Bar]]]
-    known: list[str]
-    sure: list[str]
-    rivals: list[Markup]
-    curves: list[Plate]
+    columns: list[tuple[str, list[Markup | str]]]
+    curves: list[list[Plate]]
 
 
 def finding(result: RunJson) -> Finding | None:
@@ -53,26 +38,31 @@ def finding(result: RunJson) -> Finding | None:
         return None
     effects, name = loop.effects, "it" if len(loop.effects) == 1 else ""
     units = {e.output: result.unit(e.output) for e in loop.errors}
-    named = [(e.id, _named(e), place(e)) for e in effects]
     nothing = "Nothing that the recordings show"
     if loop.outcome == "unexplained":
         nothing = "Not known: no effect that was tried explains what is left"
-    known = [text for e in effects if (text := cross_validated(e, name or e.id))]
+    named = [_named(e) for e in effects] or [Markup('<p class="named">{}</p>').format(nothing)]
+    equations = changed_equations(loop)
+    frame = Markup('<pre tabindex="0" role="region" aria-label="Equations with the added term">{}</pre>')
+    missing = [*named, frame.format(equations) if equations else "", *map(words.values, effects)]
+    bars = [_bars(result, error) for error in _shown(loop)]
+    known = [*bars, *(cross_validated(e, name or e.id) for e in effects)]
     known += [f"{text[:1].upper()}{text[1:]}." for text in (growing(loop.errors, units) if effects else [])]
-    sure = [text for e in effects if (text := claimed(e, name or e.id, "those listed below"))]
+    sure = [claimed(e, name or e.id, "those listed below") for e in effects]
     sure += [words.limit(one) for one in loop.limits[:MOST_LIMITS]] if loop.outcome == "adequate" else []
-    rivals = [table for e in effects if (table := rivals_table(e))]
-    return Finding(
-        named, "" if named else nothing, changed_equations(loop), [text for e in effects if (text := words.values(e))],
-        [_bars(result, error) for error in _shown(loop)], known, sure, rivals,
-        [p for e in effects if (p := curve_plate(e))],
-    )  # fmt: skip
+    sure += [rivals_table(e) or "" for e in effects]
+    columns = {"What is missing": missing, "How we know": known, "How sure": sure}
+    kept = [(heading, [part for part in parts if part]) for heading, parts in columns.items()]
+    drawn = [p for e in effects if (p := curve_plate(e))]
+    return Finding([(h, parts) for h, parts in kept if parts] if effects or bars else [], [drawn] if drawn else [])
 
 
-def _named(effect: EffectJson) -> str:
-    """Return what an effect is, and of how many the data do not tell it."""
+def _named(effect: EffectJson) -> Markup:
+    """Return what an effect is, whether the data tell it from others, and where it acts."""
     what = in_words(effect) or (f"a curve over {effect.over}" if effect.over else "")
-    return f"perhaps {what}" if effect.claim in ("place", "one of") and what else what
+    what = f"perhaps {what}" if effect.claim in ("place", "one of") and what else what
+    line = Markup('<p class="named">{} {} <code>{}</code></p>')
+    return line.format(what[:1].upper() + what[1:], place(effect), effect.id)
 
 
 def place(effect: EffectJson) -> str:
@@ -88,7 +78,8 @@ def _shown(loop: LoopJson) -> list[RecordingErrorJson]:
     return (told or ranked)[:MOST_BARS]
 
 
-def _bars(result: RunJson, error: RecordingErrorJson) -> tuple[Markup, list[Bar]]:
+def _bars(result: RunJson, error: RecordingErrorJson) -> Markup:
+    """Draw an error before and after beside the noise, each as a bar."""
     unit = result.unit(error.output)
     extended = result.loop is not None and bool(result.loop.effects)
     sizes = [
@@ -97,8 +88,10 @@ def _bars(result: RunJson, error: RecordingErrorJson) -> tuple[Markup, list[Bar]
         ("noise" if error.noise_known else "of the fit", "noise", error.noise),
     ]
     most = max((value for *_, value in sizes if value is not None), default=1.0) or 1.0
-    bars = [Bar(label, 100.0 * v / most, words.size(v, unit), css) for label, css, v in sizes if v is not None]
-    return Markup("error of {} on {}").format(symbol(error.output), where(error)), bars
+    bar = Markup('<dt>{}</dt><dd><i class="{}" style="width:{:.1f}%"></i> {}</dd>')
+    drawn = (bar.format(label, css, 62 * v / most, words.size(v, unit)) for label, css, v in sizes if v is not None)
+    head = Markup('<p class="label">error of {} on {}</p><dl class="bars">{}</dl>')
+    return head.format(symbol(error.output), where(error), Markup("").join(drawn))
 
 
 def rivals_table(effect: EffectJson) -> Markup | None:
@@ -108,10 +101,69 @@ def rivals_table(effect: EffectJson) -> Markup | None:
         for other in effect.alternatives if other.id != effect.id
     ]  # fmt: skip
     caption = f"{'Other forms of' if effect.claim == 'law' else 'Not told from'} {effect.id}"
-    return html_table(("effect", Column("left-out error", "right")), rows, caption) if rows else None
+    return html_table(("effect", "left-out error"), rows, caption) if rows else None
 
 
 def _more(ratio: float | None) -> str:
     """Return how much larger an error is; the same where less than half a per cent."""
     change = 0.0 if ratio is None else 100.0 * (ratio - 1.0)
     return f"{signed(change, 0)}\u00a0%" if abs(change) >= 0.5 else "the same"
+
+
+def warnings(result: RunJson) -> list[str]:
+    """Return warnings of the run without those in the verdict, and one on parameters on a bound."""
+    found = list(result.warnings)
+    reason = result.mcmc.reason if result.mcmc is not None and not result.mcmc.converged else ""
+    if reason and reason in words.verdict(result).text:  # said already
+        found = [text for text in found if reason not in text]
+    bounds = [f"`{name}`" for name, entry in result.parameters.items() if entry.status == "at_bound"]
+    if bounds:
+        found.append(
+            f"{', '.join(bounds)}: the best value lies on a bound of the search range, so there is no interval."
+        )
+    return list(dict.fromkeys(found))
+
+
+def provenance(result: RunJson) -> list[Markup]:
+    """Return tables of provenance: data, model, software and computing effort."""
+    tables = []
+    files = [
+        (row.file, count(row.rows), tidy(row.rate_hz), _hash(row.sha256)) for row in result.data
+    ]  # fmt: skip
+    if files:
+        heads = ("file", "rows", "rate (Hz)", "SHA-256 (first digits)")
+        tables.append(html_table(heads, files, "Data"))
+    if result.recordings:
+        used = [
+            (row.name, role_words(row.role), count(row.rows), duration(row.duration_s), _signals(row.inputs),
+             _signals(row.outputs))
+            for row in result.recordings
+        ]  # fmt: skip
+        columns = ("recording", "role", "rows", "length", "inputs", "outputs")
+        tables.append(html_table(columns, used, "Recordings"))
+    model = {key: value for key, value in result.model.model_dump().items() if value}
+    for title, node in (
+        ("Model", model),
+        ("Run", {"command": result.command, "seed": result.seed}),
+        ("Versions", result.versions),
+        ("Simulations", result.failures | ({"time": duration(result.seconds)} if result.seconds is not None else {})),
+    ):
+        if node:
+            rows = [(key.replace("_", " ") if node is model else key, _exact(value)) for key, value in node.items()]
+            tables.append(html_table(("", ""), rows, title))
+    return tables
+
+
+def _signals(names: Sequence[str]) -> Markup:
+    return Markup(", ").join(symbol(name) for name in names)
+
+
+def _exact(value: object) -> object:
+    """Keep whole numbers such as a seed as they are."""
+    if isinstance(value, int) and not isinstance(value, bool):
+        return str(value)
+    return _hash(value) if isinstance(value, str) and len(value) == 64 else generic_cell(value)
+
+
+def _hash(digits: str) -> Markup:
+    return Markup('<code class="hash" title="{}">{}</code>').format(digits, digits[:_HASH_SHOWN])

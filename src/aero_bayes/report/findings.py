@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from markupsafe import Markup
 
-from aero_bayes.report.run_directory import RunDirectory
 from aero_bayes.report.schema_estimate import DiagnosisJson, McmcJson, ModeDrawsJson, QuantilesJson
 from aero_bayes.report.schema_run import RecordingErrorJson, RunJson
-from aero_bayes.report.tables import Column, bar, html_table, intervals_glyph, ratio_glyph, status_pill
+from aero_bayes.report.tables import bar, html_table, intervals_glyph, ratio_glyph, status_pill
 from aero_bayes.report.text import (
     NO_VALUE,
     count,
@@ -18,6 +17,7 @@ from aero_bayes.report.text import (
     signed,
     significant,
     symbol,
+    tidy,
 )
 from aero_bayes.simulation.interface import NORMAL_HALF_WIDTH
 
@@ -43,10 +43,10 @@ def errors_table(result: RunJson) -> Markup | None:
             ratio_glyph(ratios[0] if both else None, ratios[-1]), probability(error.p_value),
             status_pill(error.verdict),
         ))  # fmt: skip
-    columns: tuple[Column | str, ...] = (
-        "recording", "output", *(Column(head, "right") for head in (("before", "after") if both else ("error",))),
-        Column("noise", "right"), "unit", Column("ratio", "right"),
-        Column("noise │ ○ before  ● after" if both else "noise │ error", "centre"), Column("p (white)", "right"),
+    columns = (
+        "recording", "output", *(("before", "after") if both else ("error",)),
+        "noise", "unit", "ratio",
+        "noise │ ○ before  ● after" if both else "noise │ error", "p (white)",
         "what is left",
     )  # fmt: skip
     return html_table(columns, rows, "RMS error of each recording") if rows else None
@@ -99,8 +99,8 @@ def shifts_table(result: RunJson) -> Markup | None:
             change = f"{signed(100 * (moved.after - moved.before) / abs(moved.before), 1)}\u00a0%"
         about = Markup("{}<small>{}</small>").format(symbol(name), now.description)
         rows.append((about, drawn, change, significant(moved.in_sd, 2)))
-    heads = ("parameter", "before (upper line), after (lower line)", Column("change", "right"),
-             Column("in combined standard deviations", "right"))  # fmt: skip
+    heads = ("parameter", "before (upper line), after (lower line)", "change",
+             "in combined standard deviations")  # fmt: skip
     caption = "How far the parameters moved: 90 % intervals, a scale for each row"
     return html_table(heads, rows, caption) if rows else None
 
@@ -111,23 +111,23 @@ def _spread(value: float | None, sd: float | None) -> QuantilesJson:
     return QuantilesJson(value=value, q05=value - NORMAL_HALF_WIDTH * sd, q95=value + NORMAL_HALF_WIDTH * sd)
 
 
-def noise_model_table(run: RunDirectory) -> Markup | None:
+def noise_model_table(result: RunJson) -> Markup | None:
     """Return the noise model of every output."""
     rows = [
         (
             symbol(output), *(significant(size) for size in (found.sd, found.sd_white, found.sd_ou)),
-            pretty_unit(run.result.unit(output)), duration(found.tau_s), significant(found.rho),
+            pretty_unit(result.unit(output)), duration(found.tau_s), significant(found.rho),
         )
-        for output, found in run.result.noise.items()
+        for output, found in result.noise.items()
     ]  # fmt: skip
     columns = (
-        "output", Column("total", "right"), Column("white part", "right"), Column("correlated part", "right"), "unit",
-        Column("correlation time", "right"), Column("lag-1 correlation", "right"),
+        "output", "total", "white part", "correlated part", "unit",
+        "correlation time", "lag-1 correlation",
     )  # fmt: skip
     return html_table(columns, rows, "Noise model of each output (standard deviations)") if rows else None
 
 
-def process_noise_table(run: RunDirectory) -> Markup | None:
+def process_noise_table(result: RunJson) -> Markup | None:
     """Return the diffusion of every state that has one."""
     rows = [
         (
@@ -135,9 +135,9 @@ def process_noise_table(run: RunDirectory) -> Markup | None:
             NO_VALUE if found.q05 is None else f"{significant(found.q05)} to {significant(found.q95)}",
             pretty_unit(found.unit),
         )
-        for state, found in run.result.process_noise.items()
+        for state, found in result.process_noise.items()
     ]  # fmt: skip
-    columns = ("state", Column("diffusion", "right"), Column("90 % interval", "right"), "unit")
+    columns = ("state", "diffusion", "90 % interval", "unit")
     return html_table(columns, rows, "Process noise of the states") if rows else None
 
 
@@ -153,26 +153,28 @@ def sampler_table(mcmc: McmcJson) -> Markup | None:
     if not rows:
         return None
     columns = (
-        "parameter", Column(Markup("R&#770;"), "right"), Column("ESS, bulk", "right"),
-        Column("ESS, tail", "right"), Column(Markup("<i>τ</i> (steps)"), "right"),
+        "parameter", Markup("R&#770;"), "ESS, bulk",
+        "ESS, tail", Markup("<i>τ</i> (steps)"),
     )  # fmt: skip
     return html_table(
         columns, rows, "Convergence of each parameter (ESS: effective draws; marked: R-hat above 1.01)", marked
     )
 
 
-def sampler_facts(mcmc: McmcJson) -> list[tuple[str, str]]:
+def sampler_facts(mcmc: McmcJson) -> dict[str, str]:
     """Return the sampler's run in a few words and numbers."""
-    facts = [
-        ("largest R-hat", NO_VALUE if mcmc.r_hat_max is None else f"{mcmc.r_hat_max:.3f}"),
-        ("independent ensembles", count(mcmc.ensembles)), ("walkers per ensemble", count(mcmc.walkers)),
-        ("steps per walker", count(mcmc.draws)), ("simulations", count(mcmc.evaluations)),
-        ("autocorrelation time (steps)", significant(mcmc.tau)),
-        ("accepted moves", NO_VALUE if mcmc.acceptance is None else f"{significant(100 * mcmc.acceptance, 2)} %"),
-        ("time", duration(mcmc.seconds)), ("stopped because", mcmc.reason),
-        ("draws of each answer", "; ".join(_mode_words(mode) for mode in mcmc.modes) or NO_VALUE),
-    ]  # fmt: skip
-    return [(label, value) for label, value in facts if value not in {NO_VALUE, ""}]
+    sizes = [size for size in (mcmc.ess_bulk_min, mcmc.ess_tail_min) if size is not None]
+    facts = {
+        "largest R-hat": NO_VALUE if mcmc.r_hat_max is None else f"{mcmc.r_hat_max:.3f}",
+        "effective draws of the parameter with the fewest": count(min(sizes, default=None)),
+        "independent ensembles": count(mcmc.ensembles), "walkers per ensemble": count(mcmc.walkers),
+        "steps per walker": count(mcmc.draws), "simulations": count(mcmc.evaluations),
+        "autocorrelation time (steps)": significant(mcmc.tau),
+        "accepted moves": NO_VALUE if mcmc.acceptance is None else f"{significant(100 * mcmc.acceptance, 2)} %",
+        "time": duration(mcmc.seconds), "stopped because": mcmc.reason,
+        "draws of each answer": "; ".join(_mode_words(mode) for mode in mcmc.modes) or NO_VALUE,
+    }  # fmt: skip
+    return {label: value for label, value in facts.items() if value not in {NO_VALUE, ""}}
 
 
 def _mode_words(mode: ModeDrawsJson) -> str:
@@ -180,19 +182,18 @@ def _mode_words(mode: ModeDrawsJson) -> str:
     return f"{count(mode.draws)} at {values}{'' if mode.converged else ' (not converged)'}"
 
 
-def fit_facts(run: RunDirectory) -> list[tuple[str, str]]:
+def fit_facts(result: RunJson) -> dict[str, str]:
     """List the interpolation of the inputs, the cost, and why each optimiser stopped."""
-    fit = run.result.fit
-    words = {"hold": "constant", "linear": "linear"}
-    facts = [(f"{name} between samples", words[how]) for name, how in fit.interpolation.items()]
+    fit, words = result.fit, {"hold": "constant", "linear": "linear"}
+    facts = {f"{name} between samples": words[how] for name, how in fit.interpolation.items()}
     if fit.cost_eq6 is not None:
-        facts.append(("sum of squared errors", significant(fit.cost_eq6, 4)))
+        facts["sum of squared errors"] = significant(fit.cost_eq6, 4)
     if fit.pso is not None:
-        facts.append(("particle swarm", f"{count(fit.pso.evaluations)} evaluations"))
+        facts["particle swarm"] = f"{count(fit.pso.evaluations)} evaluations"
     if fit.local is not None:
-        facts.append(("local search", f"{count(fit.local.iterations)} iterations; {fit.local.reason}"))
-    for index, stage in enumerate(fit.stages):
-        facts.append((f"stage {index + 1}, on {', '.join(stage.outputs)}", ", ".join(stage.parameters)))
+        facts["local search"] = f"{count(fit.local.iterations)} iterations; {fit.local.reason}"
+    for index, stage in enumerate(fit.stages, 1):
+        facts[f"stage {index}, on {', '.join(stage.outputs)}"] = ", ".join(stage.parameters)
     return facts
 
 
@@ -203,31 +204,31 @@ def probability(p: float | None) -> str:
     return "< 0.0001" if p < 1e-4 else significant(p, 2)
 
 
-def left_out_table(run: RunDirectory) -> Markup | None:
+def left_out_table(result: RunJson) -> Markup | None:
     """Write the error of each recording predicted from the others, beside that of the fit to all recordings."""
     rows = []
-    for recording, entry in run.result.prediction.recordings.items():
+    for recording, entry in result.prediction.recordings.items():
         for output, error in entry.rms.items():
             fitted = entry.rms_fitted.get(output)
             if error is None:
                 continue
             more = 100 * (error / fitted - 1) if fitted else None
-            floor = run.result.noise_floor(recording, output)
+            floor = result.noise_floor(recording, output)
             rows.append((
                 recording, symbol(output), significant(error), significant(fitted), significant(floor),
-                pretty_unit(run.result.unit(output)), NO_VALUE if more is None else f"{signed(more, 1)} %",
+                pretty_unit(result.unit(output)), NO_VALUE if more is None else f"{signed(more, 1)} %",
                 ratio_glyph(fitted / floor if fitted and floor else None, error / floor if floor else None),
             ))  # fmt: skip
     columns = (
-        "recording", "output", Column("predicted", "right"), Column("fitted", "right"), Column("noise floor", "right"),
-        "unit", Column("predicted over fitted", "right"), Column("floor │ ○ fitted  ● predicted", "centre"),
+        "recording", "output", "predicted", "fitted", "noise floor",
+        "unit", "predicted over fitted", "floor │ ○ fitted  ● predicted",
     )  # fmt: skip
     return html_table(columns, rows, "RMS error of each recording, predicted from the others") if rows else None
 
 
-def listed_values_table(run: RunDirectory) -> Markup | None:
+def listed_values_table(result: RunJson) -> Markup | None:
     """List every combination of values with its probability, and how far its log-posterior is below the best."""
-    trials = run.result.fit.values
+    trials = result.fit.values
     if not trials:
         return None
     names = list(trials[0].values)
@@ -238,9 +239,9 @@ def listed_values_table(run: RunDirectory) -> Markup | None:
         values = [_shown(trial.values[name]) for name in names]
         worse = Markup("<small>{}</small>").format(trial.failed) if trial.failed else significant(trial.worse_by)
         rows.append((*values, shown, bar(share, f"probability {shown}"), worse))
-    columns: tuple[Column | str, ...] = (
-        *(Column(symbol(name)) for name in names), Column("probability", "right"), "",
-        Column("log-posterior below the best", "right"),
+    columns = (
+        *map(symbol, names), "probability", "",
+        "log-posterior below the best",
     )  # fmt: skip
     return html_table(columns, rows, "Listed values, each fitted; the first are reported", [0])
 
@@ -249,3 +250,15 @@ def _shown(value: bool | float | str) -> str:
     if isinstance(value, bool):
         return "true" if value else "false"
     return value if isinstance(value, str) else f"{value:.6g}"
+
+
+def sensor_table(result: RunJson) -> Markup | None:
+    """Write the count of encoders, and what rounding to it adds to the residual; by output."""
+    rows = [
+        (symbol(output), significant(found.encoder.step), pretty_unit(result.unit(output)),
+         f"rounding is {tidy(100.0 * found.encoder.share, 2)} % of the residual's variance")
+        for output, found in result.sensors.items()
+        if found.encoder is not None
+    ]  # fmt: skip
+    heads = ("output", "one count", "unit", "effect on the noise")
+    return html_table(heads, rows, "Encoders") if rows else None

@@ -1,4 +1,4 @@
-"""Small figures of a fit: autocorrelation and histogram of the residuals, profiles of the log-posterior."""
+"""Small figures of a fit: autocorrelation and histogram of residuals, profiles, and where its starts ended."""
 
 from __future__ import annotations
 
@@ -120,6 +120,22 @@ def _interval_words(entry: ProfileJson) -> str:
         side, end = ("above", shown.value) if last is None else ("below", shown.value)
         return f"90 % {side} {end} {shown.unit}, open on the other side".replace("  ", " ")
     return f"90 % between {shown.low} and {shown.high} {shown.unit}".rstrip() if shown.low != NO_VALUE else ""
+
+
+def waterfall_plates(levels: Sequence[float | None]) -> list[Plate]:
+    """Draw how far below the best the local fits from several starts ended; nothing for one start."""
+    known = np.sort(np.array([level for level in levels if level is not None], dtype=np.float64))[::-1]
+    if len(known) < 2:
+        return []
+    below = known[0] - known
+    log = bool(below[-1] > 10.0)
+    shown = np.maximum(below, 0.1) if log else below
+    rank = np.arange(1.0, len(below) + 1)
+    layers = (Line(rank, shown, ACCENT, label="below the best"), Dots(rank, shown, ACCENT, 6.0, 1.0))
+    alt = f"Log-posterior below the best at which local fits from {len(below)} starts ended, the best first."
+    caption = "A level stretch at the left: several starts ended at the same, best answer."
+    panel = Panel("log-posterior below the best", layers, 120, log_y=log)
+    return [plate([panel], alt, "start, the best first", caption, small=True)]
 
 
 def _floats(given: Sequence[float | None]) -> FloatArray:

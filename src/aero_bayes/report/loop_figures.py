@@ -139,9 +139,12 @@ def _marked(old: str, new: str) -> Markup:
     return shown
 
 
-def diff_lines(loop: LoopJson) -> list[tuple[str, str]]:
-    """Return lines of the Modelica diff with their kind: add, del, hunk or same."""
-    return [(_diff_kind(entry), entry) for entry in loop.diff.splitlines()]
+def diff_text(loop: LoopJson) -> Markup:
+    """Return the Modelica diff, each line marked as add, del, hunk or same."""
+    line = Markup('<span class="{}">{}\n</span>')
+    lines = Markup("").join(line.format(_diff_kind(entry), entry) for entry in loop.diff.splitlines())
+    frame = '<pre class="diff" tabindex="0" role="region" aria-label="Difference of the Modelica source">{}</pre>'
+    return Markup(frame).format(lines)
 
 
 def _diff_kind(entry: str) -> str:

@@ -5,9 +5,9 @@ from __future__ import annotations
 import base64
 import hashlib
 import json
-import math
 import zlib
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from functools import cache, partial
 from pathlib import Path
 from typing import Any
@@ -18,149 +18,13 @@ from markupsafe import Markup
 
 from aero_bayes.arrays import FloatArray
 from aero_bayes.files import write_whole
-from aero_bayes.report import (
-    curves,
-    experiment,
-    finding,
-    findings,
-    fit_figures,
-    loop_figures,
-    overview,
-    posterior_figures,
-    words,
-)
+from aero_bayes.report import curves, experiment, finding, findings, fit_figures, loop_figures, pairs, words
+from aero_bayes.report.diagram import diagram_plate
 from aero_bayes.report.drawing import Plate
 from aero_bayes.report.run_directory import RunDirectory
-from aero_bayes.report.schema_estimate import ComponentJson, DiagramJson, ShapeJson
 from aero_bayes.report.schema_run import LoopJson, RunJson
-from aero_bayes.report.svg import ACCENT, INK, MUTED, WARM_COLOUR, Canvas
-from aero_bayes.report.tables import Column, generic_cell, html_table, parameter_table, prior_table, status_words
-from aero_bayes.report.text import greek_name, named_effect, pretty_unit, sentence, significant, symbol, tidy
-
-_WIDTH, _MOST_HIGH, _MARGIN = 440.0, 460.0, 26.0
-_LETTER = 5.6
-
-Place = Callable[[float, float], tuple[float, float]]
-
-
-def diagram_plate(diagram: DiagramJson) -> Plate | None:
-    """Return a diagram as a figure; None for an empty one."""
-    if not diagram.components:
-        return None
-    marked = [c for c in diagram.components if c.marked]
-    alt = f"Diagram of {diagram.title}: {', '.join(c.name for c in diagram.components)}."
-    if marked:
-        alt += f" An effect was added at {' and '.join(c.name for c in marked)}."
-    canvas, place, scale = _paper(diagram, alt)
-    by_name = {c.name: c for c in diagram.components}
-    for line in diagram.connections:
-        points = line.points or _line_between(by_name[line.first], by_name[line.second])
-        at = np.array([place(x, y) for x, y in points])
-        canvas.curve(at[:, 0], at[:, 1], MUTED, 0.9 if line.signal else 1.4, "3 3" if line.signal else "")
-    for component in diagram.components:
-        _draw(canvas, component, place, scale)
-    rows = [
-        (c.name, c.description or c.type.rpartition(".")[2], ", ".join(_neighbours(diagram, c.name)),
-         "effect added here" if c.marked else "")
-        for c in diagram.components
-    ]  # fmt: skip
-    caption = Markup("<strong>{}</strong>. {}").format(
-        diagram.title,
-        f"Marked: the place where {'an effect was' if len(marked) == 1 else 'effects were'} added." if marked else "",
-    )
-    table = html_table(("part", "what it is", "connected to", ""), rows, alt)
-    return Plate(canvas.svg(), alt, caption, table=table)
-
-
-def _neighbours(diagram: DiagramJson, name: str) -> list[str]:
-    ends = [(line.first, line.second) for line in diagram.connections]
-    return list(dict.fromkeys(b if a == name else a for a, b in ends if name in (a, b)))
-
-
-def _paper(diagram: DiagramJson, alt: str) -> tuple[Canvas, Place, float]:
-    """Return a canvas that holds all components and lines, and where diagram coordinates go on it."""
-    corners = [(x, y) for c in diagram.components for x, y in (c.extent[:2], c.extent[2:])]
-    corners += [point for line in diagram.connections for point in line.points]
-    xs, ys = zip(*corners, strict=True)
-    across, up = max(max(xs) - min(xs), 60.0), max(max(ys) - min(ys), 20.0)
-    scale = min((_WIDTH - 2 * _MARGIN) / across, (_MOST_HIGH - 2 * _MARGIN) / up, 2.6)
-    left = 0.5 * (_WIDTH - scale * (min(xs) + max(xs)))
-
-    def place(x: float, y: float) -> tuple[float, float]:
-        return left + scale * x, _MARGIN - 6 + scale * (max(ys) - y)
-
-    return Canvas(_WIDTH, scale * up + 2 * _MARGIN + 4, alt), place, scale
-
-
-def _draw(canvas: Canvas, component: ComponentJson, place: Place, scale: float) -> None:
-    x1, y1, x2, y2 = component.extent
-    (left, top), (right, foot) = place(min(x1, x2), max(y1, y2)), place(max(x1, x2), min(y1, y2))
-    middle = 0.5 * (left + right)
-    if component.terminal == "connector":
-        middle, y = 0.5 * (left + right), 0.5 * (top + foot)
-        canvas.dots(np.array([middle]), np.array([y]), MUTED, 6.0, 1.0)
-        foot, top = y + 4, y - 4
-    elif component.terminal:
-        side = min(5.0, 0.4 * (right - left))
-        y = 0.5 * (top + foot)
-        arrow = f"M{middle - side:.1f} {y - side:.1f}L{middle + side:.1f} {y:.1f}L{middle - side:.1f} {y + side:.1f}Z"
-        canvas.shape(arrow, f"fill:var(--{ACCENT})")
-        foot, top = y + side, y - side
-    else:
-        angle = math.radians(component.rotation)
-        turn = math.cos(angle), math.sin(angle)
-
-        def icon(x: float, y: float) -> tuple[float, float]:
-            u, v = 0.005 * x * (x2 - x1), 0.005 * y * (y2 - y1)
-            return place(0.5 * (x1 + x2) + turn[0] * u - turn[1] * v, 0.5 * (y1 + y2) + turn[1] * u + turn[0] * v)
-
-        drawn = component.shapes or [ShapeJson(kind="rectangle", points=[(-100, -100), (100, 100)], filled=True)]
-        for shape in drawn:
-            outline = "".join(f"{'L' if k else 'M'}{x:.1f} {y:.1f}" for k, (x, y) in enumerate(_outline(shape, icon)))
-            fill = "var(--panel)" if shape.filled else "none"
-            colour = WARM_COLOUR if component.marked else INK
-            end = "" if shape.kind == "line" else "Z"
-            canvas.shape(outline + end, f"fill:{fill};stroke:var(--{colour});stroke-width:1.1")
-    if component.marked:
-        frame = f"M{left - 5:.1f} {top - 5:.1f}H{right + 5:.1f}V{foot + 5:.1f}H{left - 5:.1f}Z"
-        canvas.shape(frame, f"fill:var(--{WARM_COLOUR});fill-opacity:.12;stroke:var(--{WARM_COLOUR});stroke-width:2")
-        foot += 5
-    room = max(2.2 * (right - left), 46.0)
-    name = greek_name(component.name)
-    size = max(8.5, min(11.0, 11.0 * room / (_LETTER * len(name))))
-    canvas.text(middle, foot + 11, name, WARM_COLOUR if component.marked else MUTED, size, "middle")
-
-
-def _outline(shape: ShapeJson, icon: Place) -> Iterator[tuple[float, float]]:
-    (x1, y1), (x2, y2) = shape.points[0], shape.points[-1]
-    if shape.kind == "rectangle":
-        points = [(x1, y1), (x2, y1), (x2, y2), (x1, y2)]
-    elif shape.kind == "ellipse":
-        turns = np.linspace(0, 2 * math.pi, 24, endpoint=False)
-        points = [(0.5 * (x1 + x2 + (x2 - x1) * math.cos(a)), 0.5 * (y1 + y2 + (y2 - y1) * math.sin(a))) for a in turns]
-    else:
-        points = shape.points
-    return (icon(x, y) for x, y in points)
-
-
-def _line_between(first: ComponentJson, second: ComponentJson) -> list[tuple[float, float]]:
-    """Lead a line from the nearer side of one component to that of another, with one step between."""
-    (a, b), (c, d) = _centre(first), _centre(second)
-    half = [0.5 * abs(item.extent[2] - item.extent[0]) for item in (first, second)]
-    if abs(c - a) <= half[0] + half[1]:  # one above the other
-        tall = [0.5 * abs(item.extent[3] - item.extent[1]) for item in (first, second)]
-        sign = math.copysign(1.0, d - b)
-        return [(a, b + sign * tall[0]), (a, 0.5 * (b + d)), (c, 0.5 * (b + d)), (c, d - sign * tall[1])]
-    sign = math.copysign(1.0, c - a)
-    start, stop = a + sign * half[0], c - sign * half[1]
-    knee = stop - sign * min(6.0, 0.5 * abs(stop - start))
-    return [(start, b), (knee, b), (knee, d), (stop, d)]
-
-
-def _centre(component: ComponentJson) -> tuple[float, float]:
-    x1, y1, x2, y2 = component.extent
-    return 0.5 * (x1 + x2), 0.5 * (y1 + y2)
-
+from aero_bayes.report.tables import parameter_table, prior_table, status_words
+from aero_bayes.report.text import named_effect, sentence, tidy
 
 #: Steps that a series' range is divided into, as a power of two: far below what a sensor resolves.
 BITS = 18
@@ -195,19 +59,6 @@ def pack_series(values: FloatArray, bits: int = BITS) -> dict[str, object]:
 
 def _increases(values: FloatArray) -> bool:
     return len(values) > 1 and bool(np.all(np.diff(values) > 0))
-
-
-def sensor_table(run: RunDirectory) -> Markup | None:
-    """Write the count of encoders, and what rounding to it adds to the residual; by output."""
-    rows = [
-        (symbol(output), significant(found.encoder.step), pretty_unit(run.result.unit(output)),
-         f"rounding is {tidy(100.0 * found.encoder.share, 2)} % of the residual's variance")
-        for output, found in run.result.sensors.items()
-        if found.encoder is not None
-    ]  # fmt: skip
-    if not rows:
-        return None
-    return html_table(("output", Column("one count", "right"), "unit", "effect on the noise"), rows, "Encoders")
 
 
 SCRIPTS = ("data", "panel", "figure", "save", "start")
@@ -249,7 +100,6 @@ def _environment() -> Environment:
         loader=PackageLoader("aero_bayes.report"), autoescape=True, undefined=StrictUndefined,
         trim_blocks=True, lstrip_blocks=True,
     )  # fmt: skip
-    environment.filters |= {"symbol": symbol, "cell": generic_cell}
     return environment
 
 
@@ -274,75 +124,141 @@ def _plates(values: Iterable[Any]) -> Iterable[Plate]:
             yield from _plates(vars(value).values())
 
 
+@dataclass(frozen=True)
+class Parts:
+    """Parts of a page under a heading: a section where it has an ``id``, else folded."""
+
+    heading: Markup | str
+    parts: list[Part]
+    id: str = ""
+
+
+#: A table or paragraph that is written, a sentence, a figure or several small ones, facts by name, a fold.
+Part = Markup | str | Plate | Sequence[Plate] | Mapping[str, str] | Parts
+
+
+def with_parts(*found: Parts) -> list[Parts]:
+    """Return those that have something to show."""
+    kept = [Parts(one.heading, [part for part in one.parts if part], one.id) for one in found]
+    return [one for one in kept if one.parts]
+
+
+def led(name: str, *parts: Part | None) -> list[Part]:
+    """Return parts below the paragraph on them, which goes with them."""
+    kept = [part for part in parts if part]
+    return [_lead(words.LEADS[name]), *kept] if kept else []
+
+
+def _lead(text: Markup | str) -> Markup:
+    return Markup('<p class="lead">{}</p>').format(text)
+
+
 def _context(run: RunDirectory) -> dict[str, Any]:
-    result = run.result
-    scene = curves.opening_scene(run)
+    result, scene = run.result, curves.opening_scene(run)
     head, verdict = finding.finding(result), result.verdict or words.verdict(result)
-    aside = {n: p for n, p in result.parameters.items() if p.status == "fixed" or p.recording}
-    plates = [diagram_plate(d) for d in result.diagrams]
+    opening = [Markup('<h2 class="small">{}</h2>').format(curves.stretch_words(run, scene))] if scene else []
+    found = [
+        *(head.curves if head else led("errors", findings.errors_table(result))), *opening,
+        scene and curves.scene_plate(run, scene),
+        Markup('<p class="checks">{}</p>').format(words.checks_line(result)),
+        Markup('<div class="diagnosis">{}</div>').format(findings.checks_table(result, verdict.text) or ""),
+    ]  # fmt: skip
     return {
-        "title": words.title(result, run.path.name), "leads": words.LEADS,
+        "title": words.title(result, run.path.name), "legend": (), "simulated": result.simulated,
+        "finding": head.columns if head else (),
         "kicker": " · ".join(filter(None, ("aero-bayes", result.command, result.model.name))),
-        "verdict": verdict, "said": words.short_verdict(result),
-        "simulated": result.simulated, "finding": head,
-        "opening": curves.scene_plate(run, scene) if scene else None,
-        "opening_words": curves.stretch_words(run, scene) if scene else "",
-        "diagrams": [plate for plate in plates if plate],
-        "warnings": overview.warnings(result), "readings": overview.readings(result),
-        "checks": words.checks_line(result), "diagnosis": findings.checks_table(result, verdict.text),
-        "moved": findings.shifts_table(result),
-        "parameters": parameter_table({n: p for n, p in result.parameters.items() if n not in aside}),
-        "aside": parameter_table(aside, "Values of single recordings, and fixed parameters"),
-        "priors": prior_table(result.parameters),
-        "listed_values": findings.listed_values_table(run),
-        "statuses": status_words(result.parameters), "identifiability": result.identifiability,
-        "profiles": fit_figures.profile_plates(run),
-        "combinations": [c for c in result.identifiability.combinations if c.text not in c.members],
-        "recordings": [_recording(run, name, scene) for name in run.recordings()],
-        "errors": findings.errors_table(result), "noise": findings.noise_model_table(run),
-        "process_noise": findings.process_noise_table(run),
-        "sensors": sensor_table(run), "fit_facts": findings.fit_facts(run),
-        "prediction": _prediction(run), "posterior": _posterior(run),
-        "waterfall": posterior_figures.waterfall_plate(result.fit.start_levels),
-        "loop": _loop(run, result.loop) if result.loop else None,
-        "design": experiment.experiment(run), "provenance": overview.provenance(result),
+        "verdicts": [(verdict.level, words.LEVELS[verdict.level], words.short_verdict(result))],
+        "warnings": finding.warnings(result), "opening": [part for part in found if part],
+        "sections": with_parts(
+            Parts("The next experiment", experiment.experiment(run), "design"),
+            Parts("Parameters", _parameters(result), "parameters"),
+            Parts("Measured and modelled", _recordings(run, scene), "fit"),
+            Parts("Posterior", _posterior(run), "posterior"),
+            Parts("Details", _details(run), "details"),
+        ),
     }  # fmt: skip
 
 
-def _recording(run: RunDirectory, name: str, scene: curves.Scene | None) -> dict[str, Any]:
-    """Return the figures of a recording; those of a fitted one are folded where another one was not fitted."""
-    above = scene.output if scene is not None and scene.recording == name else ""
-    whole = scene is not None and scene.stretch == run.span(name)
-    unseen = any(run.unseen(other) is not None for other in run.recordings())
-    return {
-        "name": name, "role": curves.role_of(run, name), "folded": unseen and run.unseen(name) is None,
-        "curves": curves.recording_plate(run, name, without=above if whole else ""),
-        "statistics": fit_figures.statistics(run, name),
-    }  # fmt: skip
+def _parameters(result: RunJson) -> list[Part]:
+    aside = {n: p for n, p in result.parameters.items() if p.status == "fixed" or p.recording}
+    folded = "Values of single recordings, and fixed parameters"
+    known, said = result.identifiability, words.short_verdict(result)
+    unknown = ", ".join(f"`{name}`" for name in known.unidentified) if not known.text else ""
+    shown = parameter_table({n: p for n, p in result.parameters.items() if n not in aside})
+    return [
+        *led("shift", findings.shifts_table(result)), *led("parameters", shown),
+        *with_parts(Parts(folded, [parameter_table(aside, folded) or ""])), _lead(status_words(result.parameters)),
+        findings.listed_values_table(result) or "", *(line for line in known.text if line not in said),
+        f"Not determined by these data: {unknown}." if unknown else "",
+    ] if result.parameters else []  # fmt: skip
 
 
-def _prediction(run: RunDirectory) -> dict[str, Any] | None:
-    table = findings.left_out_table(run)
-    return {"recordings": table, "note": run.result.prediction.note} if table else None
+def _recordings(run: RunDirectory, scene: curves.Scene | None) -> list[Part]:
+    """Return the figures of the recordings; those of a fitted one are folded where another one was not fitted."""
+    names = run.recordings()
+    shown: list[Part] = []
+    unseen = any(run.unseen(name) is not None for name in names)
+    for name in names:
+        above = scene is not None and scene.recording == name and scene.stretch == run.span(name)
+        drawn = curves.recording_plate(run, name, without=scene.output if scene and above else "")
+        head = Markup('{} <span class="role">{}</span>').format(name, curves.role_of(run, name))
+        if drawn and unseen and run.unseen(name) is None:
+            shown += [Parts(head, [drawn])]
+        elif drawn:
+            shown += [Markup("<h3>{}</h3>").format(head), drawn]
+    errors = led("errors", findings.errors_table(run.result)) if run.result.loop else []
+    return [*errors, *led("curves", *shown)]
 
 
-def _posterior(run: RunDirectory) -> dict[str, Any] | None:
+def _posterior(run: RunDirectory) -> list[Part]:
     parameters, mcmc = run.result.parameters, run.result.mcmc
     units = {name: entry.unit for name, entry in parameters.items()}
     dull = {name for name, entry in parameters.items() if entry.status == "unidentified"}
     seen = {name: draws for name, draws in run.posterior.items() if name not in dull}
-    shown = {
-        "facts": findings.sampler_facts(mcmc) if mcmc else [], "table": findings.sampler_table(mcmc) if mcmc else None,
-        "pairs": posterior_figures.pair_plate(seen, units) if seen else None,
-        "traces": posterior_figures.trace_plates(run.posterior, units),
-    }  # fmt: skip
-    return shown if any(shown.values()) else None
+    plot = pairs.pair_plate(seen, units) if seen else None
+    drawn: list[Part] = [Markup("<h3>Parameters in pairs</h3>"), plot] if plot else []
+    facts = findings.sampler_facts(mcmc) if mcmc else {}
+    table = findings.sampler_table(mcmc) if mcmc else None
+    return led("posterior", facts, *drawn, *with_parts(Parts("Convergence of each parameter", [table or ""])))
 
 
-def _loop(run: RunDirectory, loop: LoopJson) -> dict[str, Any]:
-    return {
-        "story": loop.story,
-        "rounds": loop_figures.rounds_table(loop, run.result.effect_words()),
-        "separate": loop.separate,
-        "diff": loop_figures.diff_lines(loop),
-    }
+def _details(run: RunDirectory) -> list[Part]:
+    result, known = run.result, run.result.identifiability
+    texts = {entry.text: entry.sd_relative for entry in known.combinations if entry.text not in entry.members}
+    spread = "{}: to {} % (one standard deviation)"
+    determined = [text if sd is None else spread.format(text, tidy(100 * sd)) for text, sd in texts.items()]
+    untried = ", ".join(f"`{name}`" for name in known.not_profiled)
+    heading = "Residuals of {}: autocorrelation and histogram"
+    residuals = [Parts(heading.format(n), led("residuals", fit_figures.statistics(run, n))) for n in run.recordings()]
+    left_out, note = findings.left_out_table(result), result.prediction.note
+    return [*with_parts(
+        *(_loop(result, result.loop) if result.loop else ()),
+        Parts("Priors, bounds and combinations of parameters", [
+            prior_table(result.parameters) or "",
+            Markup("<h3>Combinations that the data determine</h3>") if determined else "", *determined,
+            *led("profiles", fit_figures.profile_plates(run)),
+            f"Not profiled, because the time limit was reached: {untried}." if untried else "",
+        ]),
+        *residuals,
+        Parts("Noise and sensors", [
+            *led("noise", findings.noise_model_table(result)),
+            *led("process_noise", findings.process_noise_table(result)), findings.sensor_table(result) or "",
+        ]),
+        Parts("Prediction of what was left out", led("prediction", left_out, note) if left_out else []),
+        Parts("Diagram of the model", [drawn for one in result.diagrams if (drawn := diagram_plate(one))]),
+        Parts("Optimisation", [
+            findings.fit_facts(result), fit_figures.waterfall_plates(result.fit.start_levels),
+        ]),
+        Parts("Data, model, versions", [
+            Markup('<div class="tables">{}</div>').format(Markup("").join(finding.provenance(result))),
+        ]),
+    )]  # fmt: skip
+
+
+def _loop(result: RunJson, loop: LoopJson) -> list[Parts]:
+    """Return what a loop tried, and what it added."""
+    table = loop_figures.rounds_table(loop, result.effect_words())
+    return [
+        Parts("What was tried", [*loop.story, *led("candidates", table), *loop.separate]),
+        Parts("What was added to the Modelica model", [loop_figures.diff_text(loop)] if loop.diff else []),
+    ]

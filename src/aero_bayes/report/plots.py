@@ -29,13 +29,18 @@ from aero_bayes.loop.result import LoopResult
 from aero_bayes.plain import plain
 from aero_bayes.posterior.posterior import Posterior
 from aero_bayes.report.curves import legend, opening_scene, recording_panels, scene_panels, stretch_words
-from aero_bayes.report.drawing import Band, Dots, Line, Panel, limits_of_x
+from aero_bayes.report.drawing import Band, Dots, Line, Panel, band_envelope, column_means, limits_of_x
 from aero_bayes.report.loop_figures import fall, fall_text, rounds, short_label
-from aero_bayes.report.results import recording_row
+from aero_bayes.report.results import (
+    band_series,
+    fitted_series,
+    loop_series,
+    measured_series,
+    only_measured,
+    recording_row,
+)
 from aero_bayes.report.run_directory import RunDirectory
 from aero_bayes.report.schema_run import LoopJson, RunJson
-from aero_bayes.report.series import band_series, fitted_series, loop_series, measured_series, only_measured
-from aero_bayes.report.thinning import band_envelope, column_means
 from aero_bayes.simulation.model import Model
 
 

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 
 import numpy as np
 from markupsafe import Markup, escape
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from aero_bayes.arrays import FloatArray
 
@@ -96,9 +96,9 @@ class Canvas:
         mark = Markup('<line class="base" x1="{0}" x2="{0}" y1="{1:.1f}" y2="{2:.1f}"/>')
         self._parts.append(mark.format(x, y, y + 3))
 
-    def shape(self, outline: str, style: str) -> None:
-        """Draw SVG path data with a style."""
-        self._path(outline, style)
+    def outline(self, points: NDArray[np.complex128], style: str, *, closed: bool = True) -> None:
+        """Draw straight from point to point, complex numbers, with a style."""
+        self._path(_polyline(points.real, points.imag) + "Z" * closed, style)
 
     def group(self, css_class: str, data: Mapping[str, object] | None = None) -> None:
         """Begin a group, to which belongs what is drawn from here to ``end``."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
@@ -38,7 +39,7 @@ _RANKS = {status: rank for rank, status in enumerate(("identified", "weak", "at_
 
 @dataclass(frozen=True)
 class Column:
-    """Heading and alignment of a table's column; numbers go to the right."""
+    """Heading of a table's column where its alignment is not that of its cells."""
 
     title: str | Markup
     align: Literal["left", "right", "centre"] = "left"
@@ -47,8 +48,14 @@ class Column:
 def html_table(
     columns: Sequence[Column | str], rows: Sequence[Sequence[object]], caption: str = "", marked: Sequence[int] = ()
 ) -> Markup:
-    """Return a table that scrolls sideways on a narrow screen, every cell escaped unless it is Markup."""
-    heads = [column if isinstance(column, Column) else Column(column) for column in columns]
+    """Return a table that scrolls sideways on a narrow screen, every cell escaped unless it is Markup.
+
+    Columns of numbers go to the right."""
+    cells = [[row[k] for row in rows] for k in range(len(columns))]
+    heads = [
+        column if isinstance(column, Column) else Column(column, "right" if _numeric(own) else "left")
+        for column, own in zip(columns, cells, strict=True)
+    ]
     head = Markup("").join(
         Markup('<th scope="col" class="{}">{}</th>').format(c.align, c.title) if c.title else Markup("<td></td>")
         for c in heads
@@ -68,6 +75,16 @@ def html_table(
     ).format(caption or "table", title, top, body)
 
 
+#: How a cell begins that holds a number.
+_NUMBER = re.compile(r"\s*([<+−]?\s?\d[\d.\u202f]*(?=$|[\s%×…])|–\s*$)")
+
+
+def _numeric(cells: Sequence[object]) -> bool:
+    """Say whether cells of a column hold numbers; one that is not known is no exception."""
+    texts = [re.sub("<[^>]*>", " ", NO_VALUE if cell is None else str(cell)) for cell in cells]
+    return all(_NUMBER.match(text) for text in texts if text.strip()) and any(text.strip() for text in texts)
+
+
 def parameter_table(parameters: Mapping[str, ParameterJson], caption: str = "Estimates") -> Markup | None:
     """Write value, 90 % interval, unit and status of every parameter.
 
@@ -82,7 +99,7 @@ def parameter_table(parameters: Mapping[str, ParameterJson], caption: str = "Est
         value = Markup('<span class="held">{}</span>').format(shown.value) if held else shown.value
         rows.append((about, value, interval, shown.unit, status_pill(stated.status or ""),
                      "; ".join(filter(None, (stated.note, own)))))  # fmt: skip
-    columns: list[Column | str] = ["parameter", Column("value", "right"), Column("90 % interval", "right"), "unit"]
+    columns = ["parameter", "value", "90 % interval", "unit"]
     columns += ["status", ""]
     if not any(row[-1] for row in rows):
         columns, rows = columns[:-1], [row[:-1] for row in rows]
@@ -98,8 +115,7 @@ def prior_table(parameters: Mapping[str, ParameterJson]) -> Markup | None:
         known = stated.prior.replace(f" {stated.unit}", f" {pretty_unit(stated.unit)}") if stated.unit else stated.prior
         numbers = (significant(x) for x in (stated.start, stated.lower, stated.upper))
         rows.append((symbol(name), *numbers, pretty_unit(stated.unit), known))
-    ends = [Column(head, "right") for head in ("start", "lowest", "highest")]
-    columns: list[Column | str] = ["parameter", *ends, "unit", "prior"]
+    columns = ("parameter", "start", "lowest", "highest", "unit", "prior")
     return html_table(columns, rows, "Priors, starts and bounds") if rows else None
 
 
@@ -121,10 +137,11 @@ def status_pill(status: str) -> Markup:
     return Markup('<span class="pill {}" title="{}">{}</span>').format(known, _STATUS_WORDS.get(status, ""), status)
 
 
-def status_words(parameters: Mapping[str, ParameterJson]) -> list[tuple[str, str]]:
-    """Return the statuses that parameters have, and what each means."""
+def status_words(parameters: Mapping[str, ParameterJson]) -> Markup:
+    """Say what each of the statuses that parameters have means."""
     found = {entry.status for entry in parameters.values()}
-    return [(status, _STATUS_WORDS[status]) for status in _RANKS if status in found]
+    meant = (Markup("<strong>{}</strong>: {}").format(s, _STATUS_WORDS[s]) for s in _RANKS if s in found)
+    return Markup("; ").join(meant) + "."
 
 
 def ratio_glyph(before: float | None, after: float | None) -> Markup:

@@ -11,6 +11,7 @@ from aero_bayes.report.schema_estimate import DiagnosisJson, VerdictJson
 from aero_bayes.report.schema_run import EffectJson, LimitJson, LoopJson, RecordingErrorJson, RunJson
 from aero_bayes.report.text import pretty_unit, rounded_value, significant
 
+LEVELS = {"good": "Good", "warning": "Caution", "bad": "Do not use"}
 #: Paragraphs of the page, by section.
 LEADS = {
     "curves": "Grey: measured, from the smallest to the largest value in each pixel column, so that all spikes show. "
@@ -33,8 +34,6 @@ LEADS = {
     "all other parameters come from the other recordings.",
     "posterior": "R-hat: spread of all draws over that within an ensemble; at most 1.01 if the ensembles agree. "
     "Effective draws: how many independent draws would be as precise.",
-    "traces": "Each line is the running median of one ensemble; grey: 5 to 95 % of all draws. Lines that overlap have "
-    "converged.",
 }
 
 

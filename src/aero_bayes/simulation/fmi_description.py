@@ -49,14 +49,6 @@ def is_true(element: Element, key: str) -> bool:
     return element.get(key, "false") in ("true", "1")
 
 
-def checked_identifier(path: Path, interface: Element) -> str:
-    """Return the name of the binary."""
-    identifier = interface.get("modelIdentifier", "")
-    if not identifier or "/" in identifier or "\\" in identifier:
-        raise InputError(f"{path}: the model identifier {identifier!r} is not a file name")
-    return identifier
-
-
 def step_size(root: Element, interface: Element) -> float | None:
     """Return the communication step in s that an FMU names: its internal one, or that of its default experiment."""
     experiment = root.find("DefaultExperiment")
@@ -271,7 +263,9 @@ def _picked(path: Path, structure: _Structure) -> dict[str, tuple[Variable, ...]
 def _description(path: Path, root: Element, interface: Element, three: bool) -> ModelDescription:
     structure, exchange = _Structure(root, three), interface.tag == "ModelExchange"
     check_variables(path, [row.variable for row in structure.rows])
-    identifier = checked_identifier(path, interface)
+    identifier = interface.get("modelIdentifier", "")
+    if not identifier or "/" in identifier or "\\" in identifier:
+        raise InputError(f"{path}: the model identifier {identifier!r} is not a file name")
     states, derivatives, depends = _states(path, structure) if exchange else ({}, [], [])
     position = {at: k for k, at in enumerate(states)}
     pick = _picked(path, structure)

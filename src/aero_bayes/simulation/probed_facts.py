@@ -69,11 +69,11 @@ def verified_copies(model: ModelDescription) -> Mapping[str, int]:
 def _verify(model: ModelDescription) -> dict[str, int]:
     candidates = dict(model.candidate_copies)
     parameters = [p for p in model.parameters if p.start is not None]
-    targets = (*(StartTarget(s.name) for s in model.states), *(ParameterTarget(p.name) for p in parameters))
+    starts, others = [StartTarget(s.name) for s in model.states], [ParameterTarget(p.name) for p in parameters]
     names = (*candidates, *(model.states[state].name for state in candidates.values()))
     time = np.array([0.0, 1e-6, 2e-6])
     experiments = tuple(Experiment(time, names, _inputs(model, shift)) for shift in (0.0, 1e-3))
-    found = _run(model, experiments, targets, _points(model, [p.start or 0.0 for p in parameters]))
+    found = _run(model, experiments, (*starts, *others), _points(model, [p.start or 0.0 for p in parameters]))
     verified = {}
     for place, (name, state) in enumerate(candidates.items()):
         ran, same = False, True

@@ -10,6 +10,7 @@ from aero_bayes.errors import InputError
 from aero_bayes.modelica.classes import ClassText, ComponentDeclaration, SourceStatement, dotted_name
 from aero_bayes.modelica.compose import attribute_value
 from aero_bayes.modelica.flat import FlatModel
+from aero_bayes.modelica.parse import SourceLocation, find_outside, split_outside
 from aero_bayes.modelica.sources import SourceFile, Sources
 from aero_bayes.modelica.syntax import (
     Array,
@@ -22,7 +23,6 @@ from aero_bayes.modelica.syntax import (
     short_text,
     walk,
 )
-from aero_bayes.modelica.tokens import SourceLocation, find_outside, split_outside
 from aero_bayes.modelica.units import Dimension, dimension_of_unit, unit_text, without_angle
 from aero_bayes.structure.aliases import substituted
 from aero_bayes.structure.insertion_point import Driver, InsertionPoint, RowIndex, element_of_row, find_insertion_point

@@ -9,10 +9,9 @@ from aero_bayes.errors import InputError
 from aero_bayes.modelica.classes import ClassText, SourceStatement
 from aero_bayes.modelica.compose import attribute_value
 from aero_bayes.modelica.flat import FlatEquation, FlatModel
-from aero_bayes.modelica.parse import parse_expression, sides_of
+from aero_bayes.modelica.parse import find_outside, parse_expression, sides_of
 from aero_bayes.modelica.sources import Sources
 from aero_bayes.modelica.syntax import Expression, Name
-from aero_bayes.modelica.tokens import find_outside
 from aero_bayes.structure.aliases import AliasStructure
 from aero_bayes.structure.balance import DIFFERENCE, Port, parameter_values
 from aero_bayes.structure.candidates import PlacedLaw, identifier

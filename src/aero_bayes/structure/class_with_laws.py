@@ -20,10 +20,17 @@ from aero_bayes.modelica.edits import (
     replace_names,
     text_of,
 )
-from aero_bayes.modelica.parse import evaluate_expression, parse_expression, parse_text
+from aero_bayes.modelica.parse import (
+    Token,
+    evaluate_expression,
+    one_line,
+    parse_expression,
+    parse_text,
+    skip_group,
+    words_of,
+)
 from aero_bayes.modelica.sources import SourceFile, Sources, inline_base_classes, standalone_text
 from aero_bayes.modelica.syntax import summands
-from aero_bayes.modelica.tokens import Token, one_line, skip_group, words_of
 from aero_bayes.structure.candidates import PlacedLaw, describe_law, identifier
 from aero_bayes.structure.law import SIGNAL_DEFAULTS, Law
 

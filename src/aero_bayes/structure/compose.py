@@ -44,12 +44,13 @@ def law_models(laws: Sequence[Law], sources: Sequence[Path] = ()) -> LawModels:
         classes += class_text(law, f"Model_{name}", nominals={}, signals={})
         own[name] = f"Model_{name}", [signal for signal in law.interface.inputs if signal in law.used_inputs]
     parts = flat_components("LawsAtOnce", own, sources, classes=classes)
-    return {
-        (law.kind, law.id): FlatModel(
-            law.id, part.variables, part.equations, part.initial_equations, functions=part.functions
+    found: dict[tuple[str, str], FlatModel] = {}
+    for law in laws:
+        p = parts[f"{law.kind}_{law.id}"]
+        found[law.kind, law.id] = FlatModel(
+            law.id, p.variables, p.equations, p.initial_equations, functions=p.functions
         )
-        for law, part in zip(laws, parts.values(), strict=True)
-    }
+    return found
 
 
 def flat_components(

@@ -11,10 +11,9 @@ from typing import Literal
 from aero_bayes.errors import InputError
 from aero_bayes.modelica.classes import ClassText, ComponentDeclaration, annotation_arguments, snake_case
 from aero_bayes.modelica.library import modelica_root
-from aero_bayes.modelica.parse import evaluate_expression, parse_expression
+from aero_bayes.modelica.parse import Token, evaluate_expression, parse_expression
 from aero_bayes.modelica.sources import inline_base_classes, modelica_files, sources_in
 from aero_bayes.modelica.syntax import Expression, Text, arguments_of, names_in
-from aero_bayes.modelica.tokens import Token
 from aero_bayes.modelica.units import dimension, in_base_units_if_scaled, unit_factors, unit_text
 
 LawKind = Literal[

@@ -392,11 +392,10 @@ def _nominals(
     if port.kind in ("input", "output", "reading"):
         nominals = {"u_n": own.get("u", 0.0)}
         if port.kind == "input":
-            inputs = (
-                recorded_inputs(data, port.id)
-                if port.attachment == "input"
-                else _simulated_inputs(data, found, seen["u"])
-            )
+            inputs = recorded_inputs(data, port.id)
+            if port.attachment != "input":
+                simulated = zip(data.experiments, found.get(seen["u"], ()), strict=False)
+                inputs = [InputSignal(seen["u"], e.time, y) for e, y in simulated]
             nominals = {"u_n": signal_nominal([s.values for s in inputs]), "w_n": relative_change(inputs, time)}
     elif port.kind == "motion":
         speed = own.get("v", 0.0)
@@ -429,8 +428,3 @@ def _nominals(
     if "v_high" in nominals and seen.get("x", "") in found and found[seen["x"]]:
         nominals |= possible_directions(found[seen["x"]], {name: nominals[name] for name in ("v_low", "v_high")})
     return nominals | {"t_n": time}
-
-
-def _simulated_inputs(data: MeasuredData, found: Mapping[str, list[FloatArray]], name: str) -> list[InputSignal]:
-    """Return a simulated signal inside a model, as an input signal."""
-    return [InputSignal(name, e.time, y) for e, y in zip(data.experiments, found.get(name, ()), strict=False)]

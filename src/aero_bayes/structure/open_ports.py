@@ -14,6 +14,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 
+from aero_bayes.arrays import FloatArray
 from aero_bayes.errors import InputError
 from aero_bayes.modelica.causalisation import causalise
 from aero_bayes.modelica.compose import TRUE_SUFFIX, add_input, add_output, attribute_value, equate
@@ -27,7 +28,6 @@ from aero_bayes.structure.balance import DIFFERENCE, CombinationRule, Replaceabl
 from aero_bayes.structure.candidates import PlacedLaw, identifier, in_sentence
 from aero_bayes.structure.compose import LawModels, with_probe
 from aero_bayes.structure.coupled_fmu import BASE, INPUT, STATE, UNREAD_SUFFIX, Source, Terms
-from aero_bayes.structure.model_family import CurveBasis
 from aero_bayes.structure.nominal_values import NEGLIGIBLE_TERM
 from aero_bayes.structure.redeclare import component_path
 
@@ -154,6 +154,17 @@ class OpenModel:
 
 #: Points at which a curve is evaluated.
 CURVE_POINTS = 61
+
+
+@dataclass(frozen=True, eq=False)
+class CurveBasis:
+    """Basis functions of a learned curve, which is linear in its heights."""
+
+    x: FloatArray
+    x_unit: str
+    plain: FloatArray
+    rows: FloatArray
+    unit: str
 
 
 def curve_basis(placed: PlacedLaw, models: LawModels) -> CurveBasis:

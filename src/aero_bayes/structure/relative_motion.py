@@ -135,13 +135,9 @@ def connecting_components(s: AliasStructure, one: Port, other: Port) -> set[str]
     for port in (one, other):
         motion = s.moving[f"{port.connectors[0]}.{port.potential}"][0]
         ends = (flow.rpartition(".")[0] for _, flows in _flow_sums(s) for flow in flows)
-        both.append({owner_of(s, f"{c}.{port.flow}") for c in ends if _motion_of(s, c, port.potential) == motion})
+        moved = [c for c in ends if s.moving.get(f"{c}.{port.potential}", ("", 1))[0] == motion]
+        both.append({owner_of(s, f"{c}.{port.flow}") for c in moved})
     return set.intersection(*both) - {owner_of(s, x) for p in (one, other) for x in p.states}
-
-
-def _motion_of(s: AliasStructure, connector: str, potential: str) -> str:
-    """Return the representative of the potential of a connector; empty if it has no such potential."""
-    return s.moving.get(f"{connector}.{potential}", ("", 1))[0]
 
 
 def series_port(s: AliasStructure, state: str) -> Port | None:
@@ -202,7 +198,8 @@ def _series_port_at(s: AliasStructure, state: str, own: str, connectors: tuple[s
     """Return a port in series before the second of two connectors. Laws read the current into that connector."""
     potential = _potential(s, own)
     end = f"{connectors[1]}.{potential}"
-    at = next(i for i, e in enumerate(s.flat.equations) if _connects_to(e, end))
+    joins = ((i, e) for i, e in enumerate(s.flat.equations) if e.origin == "connection")
+    at = next(i for i, e in joins if end in names_in(e.left) | names_in(e.right))
     unit, signals = s.variables[end].unit, {"i": f"{connectors[1]}.{flow}"}
     place = s.variables[state or signals["i"]].place
     return Port(
@@ -210,10 +207,6 @@ def _series_port_at(s: AliasStructure, state: str, own: str, connectors: tuple[s
         (state,) if state else (), signals, Balance(s.origins[at][0], Number(-1.0), unit), connectors, flow,
         potential,
     )  # fmt: skip
-
-
-def _connects_to(e: FlatEquation, end: str) -> bool:
-    return e.origin == "connection" and end in names_in(e.left) | names_in(e.right)
 
 
 #: Dimensions of a force, a torque and a voltage, each with the signals on which it depends; the first must be there.
@@ -245,7 +238,8 @@ def force_outputs(s: AliasStructure, taken: Collection[int]) -> Iterator[Port]:
         balance = find_balance(s.flat, index, _is_name(v.name), values, units)
         if not moving or balance is None:
             continue
-        if _sign_of_speed(whole, moving, values) > 0:
+        # positive where the speed or current is no factor of a term
+        if (sign_of_factor(whole, _is_name(moving.partition(DIFFERENCE)[0]), values) or 1) > 0:
             balance = replace(balance, scale=Call("neg", (balance.scale,)), sign=-1)
         known = {signal: unit_in(s, s.of(name.partition(DIFFERENCE)[0])) for signal, name in signals.items()}
         yield Port(
@@ -260,7 +254,7 @@ def _given_by(s: AliasStructure, v: FlatVariable, taken: Collection[int]) -> tup
         equation, row, _ = s.origins[index]
         own = not e.component and e.origin in ("component", "binding") and not row
         if own and index not in s.plain and equation not in taken:
-            for one, whole in _ways(e):
+            for one, whole in ((e.left, e.right), (e.right, e.left)):
                 if (
                     isinstance(one, Name)
                     and one.name == v.name
@@ -269,10 +263,6 @@ def _given_by(s: AliasStructure, v: FlatVariable, taken: Collection[int]) -> tup
                 ):
                     return index, whole
     return None
-
-
-def _ways(e: FlatEquation) -> tuple[tuple[Expression, Expression], ...]:
-    return (e.left, e.right), (e.right, e.left)
 
 
 def _is_name(name: str) -> Driver:
@@ -299,11 +289,6 @@ def _one_signal(s: AliasStructure, tree: Expression, wanted: Dimension) -> str:
     inputs = {v.name for v in s.flat.variables if v.causality == "input" and "." not in v.name and fits(Name(v.name))}
     found = differences or single or inputs
     return next(iter(found)) if len(found) == 1 else ""
-
-
-def _sign_of_speed(whole: Expression, speed: str, values: Mapping[str, float]) -> int:
-    """Return the sign with which a speed or current enters an output: positive where it is no factor of a term."""
-    return sign_of_factor(whole, _is_name(speed.partition(DIFFERENCE)[0]), values) or 1
 
 
 def relative_motions(s: AliasStructure, balances: Sequence[Port]) -> Iterator[Port]:

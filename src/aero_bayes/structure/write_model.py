@@ -14,9 +14,9 @@ from aero_bayes.modelica.compose import ACTING_SUFFIX, TRUE_SUFFIX
 from aero_bayes.modelica.edits import TextEdit, insert_before_connector, text_of, unified_diff
 from aero_bayes.modelica.flat import FlatModel, element_names
 from aero_bayes.modelica.library import rig_packages
+from aero_bayes.modelica.parse import find_outside, split_outside, tokenize, words_of
 from aero_bayes.modelica.sources import SourceFile, Sources, modelica_files, read_file, read_modelica_text
 from aero_bayes.modelica.syntax import parse_reference
-from aero_bayes.modelica.tokens import find_outside, split_outside, tokenize, words_of
 from aero_bayes.structure.aliases import AliasStructure, alias_structure
 from aero_bayes.structure.balance import DIFFERENCE, Attachment, Port
 from aero_bayes.structure.balance_writer import BalanceWriter, class_of, equation_of

@@ -6,7 +6,6 @@
 #include <string.h>
 
 #include "algebraic_loops.h"
-#include "sizes.h"
 
 enum { FRESH_K = 1, FRESH_DX = 2, FRESH_Y = 4, FRESH_JX = 8, FRESH_JP = 16, FRESH_W = 32, FRESH_ALL = 63 };
 /* What a change of time, states, inputs or discrete values makes old. */

@@ -126,8 +126,6 @@ static int do_task(Problem *p, char *base, const Job *job, int64_t index)
     return outcome ? outcome : close_task(r, base, job, index);
 }
 
-#define EXPORT __attribute__((visibility("default")))
-
 EXPORT Problem *ab_open(const char *path, char *error, size_t size)
 {
     kernels_choose();

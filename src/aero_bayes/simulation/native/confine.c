@@ -9,8 +9,6 @@
 
 #include "engine.h"
 
-#define EXPORT __attribute__((visibility("default")))
-
 enum { LIMITS = 1, FILES = 2, NETWORK_RULES = 4, CALLS = 8 };
 
 #if defined(__linux__) && (defined(__x86_64__) || defined(__aarch64__))

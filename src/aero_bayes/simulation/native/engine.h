@@ -15,8 +15,8 @@
  *   step.c         the steps of a segment between two jumps or events, with error control
  *   run.c          one simulation from initialisation to the last sample, with what happens between two segments
  *   differences.c  sensitivities by internal numerical differentiation, for FMUs without derivatives
- *   outputs.c      outputs that are no states, asked of the FMU at samples or at a few points of a step
- *   sink.c         where samples go: a trajectory, a likelihood with its noise filter, Gauss-Newton products
+ *   sink.c         samples of the outputs, and where they go: a trajectory, a likelihood with its noise filter,
+ *                  Gauss-Newton products
  *   kalman.c       the extended Kalman filter of a model with process noise
  *   batch.c        many runs, handed out from a shared counter, and what a worker tells of its progress
  *   lanes.c        several runs at a time, for FMUs that carry their equations in this form (lanes.h)
@@ -49,6 +49,7 @@ enum {
     MODE_FILTER, MODE_FILTER_LIKELIHOOD, MODE_FILTER_STATES /* with process noise */
 };
 
+#define EXPORT __attribute__((visibility("default")))
 #define LOG_2PI 1.8378770664093454836
 #define BLOCK 256 /* samples held back before a sink sees them */
 
@@ -287,12 +288,9 @@ int indicators(Run *, double t, const double *x, double *z);
 int crossed(const double *z0, const double *z1, int nz);
 double find_event(Run *, double h);
 
-/* outputs.c */
-enum { PIECE_POINTS = 11 };
-int read_samples(Run *, const double *time, int64_t count);
-int read_values(Run *, double t, const double *x, double *y, int64_t stride);
-
 /* sink.c */
+enum { PIECE_POINTS = 11 };
+int read_values(Run *, double t, const double *x, double *y, int64_t stride);
 void sink_begin(Run *, int mode, const double *noise);
 int emit_until(Run *, double h, double limit, int inclusive);
 void sink_flush(Run *);

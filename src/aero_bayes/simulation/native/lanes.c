@@ -351,7 +351,7 @@ void lanes_advance(Lanes *s)
     kernels->accept(s);
 }
 
-/* Values of the outputs that are no states, as read_values of outputs.c. */
+/* Values of the outputs that are no states, as read_values of sink.c. */
 int lane_values(Run *r, double t, const double *x, double *y, int64_t stride)
 {
     const Lane *lane = r->lane;

@@ -1,0 +1,124 @@
+"""The diagram of a model of components, with the places where effects were added. Points are complex numbers."""
+
+from __future__ import annotations
+
+import cmath
+import math
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from markupsafe import Markup
+from numpy.typing import NDArray
+
+from aero_bayes.report.drawing import Plate
+from aero_bayes.report.schema_estimate import ComponentJson, DiagramJson, ShapeJson
+from aero_bayes.report.svg import ACCENT, INK, MUTED, WARM_COLOUR, Canvas
+from aero_bayes.report.tables import html_table
+from aero_bayes.report.text import greek_name
+
+Points = NDArray[np.complex128]
+
+_WIDTH, _MOST_HIGH, _MARGIN = 440.0, 460.0, 26.0
+_LETTER = 5.6
+_BOX = ShapeJson(kind="rectangle", points=[(-100, -100), (100, 100)], filled=True)
+
+
+def diagram_plate(diagram: DiagramJson) -> Plate | None:
+    """Return a diagram as a figure; None for an empty one."""
+    if not diagram.components:
+        return None
+    marked = [c for c in diagram.components if c.marked]
+    alt = f"Diagram of {diagram.title}: {', '.join(c.name for c in diagram.components)}."
+    if marked:
+        alt += f" An effect was added at {' and '.join(c.name for c in marked)}."
+    canvas, place = _paper(diagram, alt)
+    by_name = {c.name: c for c in diagram.components}
+    for line in diagram.connections:
+        at = place(_points(line.points) if line.points else _line_between(by_name[line.first], by_name[line.second]))
+        canvas.curve(at.real, at.imag, MUTED, 0.9 if line.signal else 1.4, "3 3" if line.signal else "")
+    for component in diagram.components:
+        _draw(canvas, component, place)
+    ends = [(line.first, line.second) for line in diagram.connections]
+    rows = [
+        (c.name, c.description or c.type.rpartition(".")[2],
+         ", ".join(dict.fromkeys(b if a == c.name else a for a, b in ends if c.name in (a, b))),
+         "effect added here" if c.marked else "")
+        for c in diagram.components
+    ]  # fmt: skip
+    caption = Markup("<strong>{}</strong>. {}").format(
+        diagram.title,
+        f"Marked: the place where {'an effect was' if len(marked) == 1 else 'effects were'} added." if marked else "",
+    )
+    table = html_table(("part", "what it is", "connected to", ""), rows, alt)
+    return Plate(canvas.svg(), alt, caption, table=table)
+
+
+def _points(given: Any) -> Points:
+    pairs = np.array(given, dtype=np.float64).reshape(-1, 2)
+    return pairs[:, 0] + 1j * pairs[:, 1]
+
+
+def _paper(diagram: DiagramJson, alt: str) -> tuple[Canvas, Callable[[Points], Points]]:
+    """Return a canvas that holds all components and lines, and where diagram coordinates go on it."""
+    at = np.concatenate([_points(item) for item in (
+        *(c.extent for c in diagram.components), *(line.points for line in diagram.connections),
+    )])  # fmt: skip
+    across, up = max(np.ptp(at.real), 60.0), max(np.ptp(at.imag), 20.0)
+    scale = float(min((_WIDTH - 2 * _MARGIN) / across, (_MOST_HIGH - 2 * _MARGIN) / up, 2.6))
+    left, top = 0.5 * (_WIDTH - scale * (at.real.min() + at.real.max())), _MARGIN - 6 + scale * at.imag.max()
+    return Canvas(_WIDTH, scale * up + 2 * _MARGIN + 4, alt), lambda z: left + 1j * top + scale * np.conj(z)
+
+
+def _draw(canvas: Canvas, component: ComponentJson, place: Callable[[Points], Points]) -> None:
+    first, last = _points(component.extent)
+    ends = place(np.array([first, last]))
+    (left, right), (top, foot), centre = sorted(ends.real), sorted(ends.imag), ends.mean()
+    colour = WARM_COLOUR if component.marked else INK
+    if component.terminal == "connector":
+        canvas.dots(np.array([centre.real]), np.array([centre.imag]), MUTED, 6.0, 1.0)
+        top, foot = centre.imag - 4, centre.imag + 4
+    elif component.terminal:
+        side = min(5.0, 0.4 * (right - left))
+        canvas.outline(centre + side * np.array([-1 - 1j, 1, -1 + 1j]), f"fill:var(--{ACCENT})")
+        top, foot = centre.imag - side, centre.imag + side
+    else:
+        half, turn = 0.005 * (last - first), cmath.exp(1j * math.radians(component.rotation))
+        for shape in component.shapes or [_BOX]:
+            own = _outline(shape)
+            at = place(0.5 * (first + last) + turn * (half.real * own.real + 1j * half.imag * own.imag))
+            fill = "var(--panel)" if shape.filled else "none"
+            canvas.outline(at, f"fill:{fill};stroke:var(--{colour});stroke-width:1.1", closed=shape.kind != "line")
+    if component.marked:
+        corners = [(left - 5, top - 5), (right + 5, top - 5), (right + 5, foot + 5), (left - 5, foot + 5)]
+        canvas.outline(_points(corners), f"fill:var(--{colour});fill-opacity:.12;stroke:var(--{colour});stroke-width:2")
+        foot += 5
+    name, room = greek_name(component.name), max(2.2 * (right - left), 46.0)
+    size = max(8.5, min(11.0, 11.0 * room / (_LETTER * len(name))))
+    canvas.text(centre.real, foot + 11, name, colour if component.marked else MUTED, size, "middle")
+
+
+def _outline(shape: ShapeJson) -> Points:
+    points = _points(shape.points)
+    centre, half = 0.5 * (points[0] + points[-1]), 0.5 * (points[-1] - points[0])
+    if shape.kind == "rectangle":
+        return np.asarray(centre + half.real * np.array([-1, 1, 1, -1]) + 1j * half.imag * np.array([-1, -1, 1, 1]))
+    if shape.kind == "ellipse":
+        turns = np.linspace(0, 2 * math.pi, 24, endpoint=False)
+        return np.asarray(centre + half.real * np.cos(turns) + 1j * half.imag * np.sin(turns))
+    return points
+
+
+def _line_between(first: ComponentJson, second: ComponentJson) -> Points:
+    """Lead a line from the nearer side of one component to that of another, with one step between."""
+    ends = [_points(item.extent) for item in (first, second)]
+    (a, b), (c, d) = ((z.mean().real, z.mean().imag) for z in ends)
+    half = [0.5 * (z[1] - z[0]) for z in ends]
+    if abs(c - a) <= abs(half[0].real) + abs(half[1].real):  # one above the other
+        sign, middle = math.copysign(1.0, d - b), 0.5 * (b + d)
+        b, d = b + sign * abs(half[0].imag), d - sign * abs(half[1].imag)
+        return _points([(a, b), (a, middle), (c, middle), (c, d)])
+    sign = math.copysign(1.0, c - a)
+    start, stop = a + sign * abs(half[0].real), c - sign * abs(half[1].real)
+    knee = stop - sign * min(6.0, 0.5 * abs(stop - start))
+    return _points([(start, b), (knee, b), (knee, d), (stop, d)])
