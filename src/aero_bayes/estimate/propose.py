@@ -245,7 +245,7 @@ def _narrowing(
     repeated = np.full(after.shape, np.nan) if same is None else posterior_sd(known + same.information)
     spreads = np.stack([before, after, repeated], axis=1) * predictor.shared.jacobian(predictor.values)[:, None]
     expected = tuple(
-        ExpectedParameter(p.name, p.unit, value, *sds, target=j in aimed)
+        ExpectedParameter(p.name, p.unit, value, sds[0], sds[1], sds[2], j in aimed)
         for j, (p, value, sds) in enumerate(
             zip(predictor.shared, predictor.values.tolist(), spreads.tolist(), strict=True)
         )
