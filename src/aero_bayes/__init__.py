@@ -27,7 +27,6 @@ if TYPE_CHECKING:
     from aero_bayes.commands.fleet import Rig, fleet
     from aero_bayes.data.read import read_recording
     from aero_bayes.data.recording import Recording
-    from aero_bayes.data.summary import summarise
     from aero_bayes.errors import CannotFinishError, InputError
     from aero_bayes.estimate.fit import fit
     from aero_bayes.estimate.levenberg_marquardt import FitSettings
@@ -72,14 +71,13 @@ __all__ = [
     "read_recording",
     "sample",
     "save",
-    "summarise",
 ]
 
 
 #: By file or room the names that are imported when first used (PEP 562), so that one command pays for one stage.
 _HOMES = {
     "commands.fleet": "Rig fleet",
-    "data": "Recording read_recording summarise",
+    "data": "Recording read_recording",
     "errors": "CannotFinishError InputError",
     "estimate.fit": "fit",
     "estimate.levenberg_marquardt": "FitSettings",

@@ -27,6 +27,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+    from aero_bayes.data.summary import RecordingSummary
+
 
 @dataclass(frozen=True, eq=False)
 class Recording:
@@ -240,6 +242,25 @@ class Recording:
         2
         """
         return drawn("plots.run_figure", self, figure=ax or figure, dark=dark)
+
+    def summary(self) -> RecordingSummary:
+        """Look the recording over; no model is involved.
+
+        Returns
+        -------
+        RecordingSummary
+            Sampling, ranges, resolution and noise of each column, in SI units.
+
+        Examples
+        --------
+        >>> print(recording.summary())
+        train.csv: 2,001 rows, 40 s at 50 Hz, even
+          F: -3.93 to 4.67, 16 levels, 16 jumps, 7% of the time at its largest size
+          position: -0.1042 to 0.1357, noise 0.0003
+        """
+        from aero_bayes.data.summary import summary_of
+
+        return summary_of(self)
 
     def to_frame(self) -> pandas.DataFrame:
         """Return every column by time (s), in SI units.

@@ -96,26 +96,8 @@ class RecordingSummary:
         return table_html(("column",), [(line.strip(),) for line in columns], first)
 
 
-def summarise(recording: Recording) -> RecordingSummary:
-    """Look a recording over; no model is involved.
-
-    Parameters
-    ----------
-    recording : Recording
-        It must have passed the checks of :func:`read_recording`.
-
-    Returns
-    -------
-    Summary
-        Sampling, ranges, resolution and noise of each column, in SI units.
-
-    Examples
-    --------
-    >>> print(aero_bayes.summarise(recording))
-    train.csv: 2,001 rows, 40 s at 50 Hz, even
-      F: -3.93 to 4.67, 16 levels, 16 jumps, 7% of the time at its largest size
-      position: -0.1042 to 0.1357, noise 0.0003
-    """
+def summary_of(recording: Recording) -> RecordingSummary:
+    """Return the summary of a recording that passed the checks of reading."""
     intervals = np.diff(recording.time)
     median = float(np.median(intervals))
     return RecordingSummary(
