@@ -30,6 +30,8 @@ if TYPE_CHECKING:
     from aero_bayes.errors import CannotFinishError, InputError
     from aero_bayes.estimate.fit import fit
     from aero_bayes.estimate.levenberg_marquardt import FitSettings
+    from aero_bayes.estimate.parameters import Override
+    from aero_bayes.estimate.priors import LogNormal, LogUniform, Normal, Uniform
     from aero_bayes.estimate.propose import propose_experiment
     from aero_bayes.estimate.result import Fit
     from aero_bayes.library import compare, load_result, save
@@ -50,9 +52,13 @@ __all__ = [
     "Fit",
     "FitSettings",
     "InputError",
+    "LogNormal",
+    "LogUniform",
     "LoopResult",
     "LoopSettings",
     "Model",
+    "Normal",
+    "Override",
     "Posterior",
     "PythonModel",
     "Recording",
@@ -60,6 +66,7 @@ __all__ = [
     "Rig",
     "RunDirectory",
     "SampleSettings",
+    "Uniform",
     "close_loop",
     "compare",
     "export_fmu",
@@ -82,6 +89,8 @@ _HOMES = {
     "estimate.fit": "fit",
     "estimate.levenberg_marquardt": "FitSettings",
     "estimate.prediction": "RecordingPrediction",
+    "estimate.parameters": "Override",
+    "estimate.priors": "LogNormal LogUniform Normal Uniform",
     "estimate.propose": "propose_experiment",
     "estimate.result": "Fit",
     "library": "compare load_result save",

@@ -7,8 +7,7 @@ import numpy as np
 import pandas as pd
 
 import aero_bayes
-from aero_bayes import LoopSettings, Recording
-from aero_bayes.estimate import LogNormal, Override
+from aero_bayes import LogNormal, LoopSettings, Override, Recording
 
 model = aero_bayes.load_model("Rig.mo")
 model = aero_bayes.load_model(Path("Rig.mo"), folder="built")
