@@ -16,6 +16,8 @@ FURTHER = (
     "data.Layout", "data.write_csv", "estimate.CalibrationSettings", "estimate.parameters_from_model",
     "report.plots.palette",
 )  # fmt: skip
+#: Classes that a user only makes; their members serve fits.
+ONLY_MADE = ("LogNormal", "LogUniform", "Normal", "Uniform")
 
 
 @dataclass(frozen=True)
@@ -80,7 +82,8 @@ def public() -> Iterator[Public]:
         home = __import__(f"aero_bayes.{room}", fromlist=[name]) if room else aero_bayes
         thing = getattr(home, name)
         yield Public(path, thing)
-        for member, value in _members(thing).items() if isinstance(thing, type) and not room else ():
+        shown = isinstance(thing, type) and not room and name not in ONLY_MADE
+        for member, value in _members(thing).items() if shown else ():
             if not member.startswith("_") and (callable(value) or isinstance(value, property | classmethod)):
                 own = value if isinstance(value, property) else getattr(thing, member)
                 yield Public(f"{path}.{member}", own, thing)
