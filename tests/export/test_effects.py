@@ -100,7 +100,8 @@ def test_every_effect_has_its_parameters_at_the_top_level(screening_fmu):
         for effect in EFFECTS:
             assert fmu.starts[effect.law.magnitude.name] == 0.0
             for p in effect.law.parameters:
-                low, default, high = (p.value(of, {}) for of in ("minimum", "default", "maximum"))
+                low, high = (p.value(k, {}) if k in p.terms else e for k, e in (("min", -np.inf), ("max", np.inf)))
+                default = p.value("default", {})
                 assert p.name in fmu.parameters
                 assert low <= default <= high
                 assert all(low <= s <= high for s in STARTS[effect.id].get(p.name, ()))

@@ -225,7 +225,7 @@ def law_parameter(c: ComponentDeclaration) -> LawParameter:
     if not c.binding:
         raise InputError(f"the parameter {c.name!r} needs a default")
     given = {name: parse_expression(tokens) for name, tokens in (("default", c.binding), *c.modifiers)}
-    terms = {name: given[name] for name in ("default", "min", "max", "nominal") if name in given}
+    terms: dict[str, Expression] = {k: given[k] for k in ("default", "min", "max", "nominal") if k in given}
     return LawParameter(c.name, c.description, terms, _text(given.get("unit")))
 
 

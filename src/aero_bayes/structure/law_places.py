@@ -241,7 +241,7 @@ class LawPlaces:
         """Return the declared name of a port, which several ports may share; else its id."""
         return self.declared.ports.get(port.id, port.id)
 
-    def candidates_for(self, data: MeasuredData | None) -> Sequence[Candidate]:
+    def candidates_for(self, data: MeasuredData) -> Sequence[Candidate]:
         """Return the candidates that can be written into the source."""
         every = self.candidates
         edited = {c.port.id: c for c in every if c.port.attachment in ("equation", "signal")}.values()
