@@ -243,12 +243,11 @@ def _narrowing(
         raise CannotFinishError("the proposed experiment could not be simulated")
     after = posterior_sd(known + proposed.information)
     repeated = np.full(after.shape, np.nan) if same is None else posterior_sd(known + same.information)
-    spreads = np.stack([before, after, repeated], axis=1) * predictor.shared.jacobian(predictor.values)[:, None]
+    spreads = np.stack([before, after, repeated]) * predictor.shared.jacobian(predictor.values)
+    rows = np.vstack([predictor.values, spreads]).T.tolist()
     expected = tuple(
-        ExpectedParameter(p.name, p.unit, value, sds[0], sds[1], sds[2], j in aimed)
-        for j, (p, value, sds) in enumerate(
-            zip(predictor.shared, predictor.values.tolist(), spreads.tolist(), strict=True)
-        )
+        ExpectedParameter(p.name, p.unit, value, now, later, again, j in aimed)
+        for j, (p, (value, now, later, again)) in enumerate(zip(predictor.shared, rows, strict=True))
     )
     return Design(
         predictor.input, predictor.full_time, values, families, travel, predictor.limits, settings.seed, expected
