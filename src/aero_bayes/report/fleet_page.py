@@ -12,7 +12,7 @@ from markupsafe import Markup
 from aero_bayes.files import write_whole
 from aero_bayes.report.page import fill
 from aero_bayes.report.schema_run import FleetJson, RangeJson, RunJson
-from aero_bayes.report.tables import Column, html_table
+from aero_bayes.report.tables import html_table
 from aero_bayes.report.text import (
     NO_VALUE,
     count,
@@ -51,8 +51,8 @@ def write_fleet_page(directory: Path, result: FleetJson, rows: Sequence[Mapping[
 def _rigs(result: FleetJson, rows: Sequence[Mapping[str, Any]], words: Mapping[str, str]) -> Markup:
     """Write what the rigs have in common, and a line for each: residual, effects, parameters, and what is odd of it."""
     parameters = result.parameters.items()
-    heads: list[Column | str] = ["rig", Column("residual / noise floor", "right"), "effects"]
-    heads += [Column(Markup("{} {}").format(symbol(name), pretty_unit(p.unit)), "right") for name, p in parameters]
+    heads = ["rig", "residual / noise floor", "effects"]
+    heads += [Markup("{} {}").format(symbol(name), pretty_unit(p.unit)) for name, p in parameters]
     spreads = (_range(p.spread, "%", 100.0) if p.log else _range(p.spread, p.unit) for _, p in parameters)
     lines: list[tuple[object, ...]] = [
         ("typical value", "", "", *(_range(p.mean, p.unit) for _, p in parameters), ""),

@@ -5,8 +5,6 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import Literal
 
 from markupsafe import Markup, escape
 
@@ -36,40 +34,28 @@ _STATUS_WORDS = {
 _RANKS = {status: rank for rank, status in enumerate(("identified", "weak", "at_bound", "unidentified", "fixed"))}
 
 
-@dataclass(frozen=True)
-class Column:
-    """Heading of a table's column where its alignment is not that of its cells."""
-
-    title: str | Markup
-    align: Literal["left", "right", "centre"] = "left"
-
-
 def html_table(
-    columns: Sequence[Column | str], rows: Sequence[Sequence[object]], caption: str = "", marked: Sequence[int] = ()
+    columns: Sequence[str], rows: Sequence[Sequence[object]], caption: str = "", marked: Sequence[int] = ()
 ) -> Markup:
     """Return a table that scrolls sideways on a narrow screen; nothing without rows.
 
     Every cell is escaped unless it is Markup; columns of numbers go to the right."""
     if not rows:
         return Markup("")
-    heads = [
-        column if isinstance(column, Column) else
-        Column(column, "right" if k and _numeric([row[k] for row in rows]) else "left")
-        for k, column in enumerate(columns)
-    ]  # fmt: skip
+    aligned = ["right" if k and _numeric([row[k] for row in rows]) else "left" for k in range(len(columns))]
     head = Markup("").join(
-        Markup('<th scope="col" class="{}">{}</th>').format(c.align, c.title) if c.title else Markup("<td></td>")
-        for c in heads
+        Markup('<th scope="col" class="{}">{}</th>').format(align, title) if title else Markup("<td></td>")
+        for align, title in zip(aligned, columns, strict=True)
     )
     body = Markup("")
     for index, row in enumerate(rows):
         cells = Markup("")
-        for column, cell in zip(heads, row, strict=True):
-            tag, scope = ("th", Markup(' scope="row"')) if column is heads[0] else ("td", "")
+        for k, (align, cell) in enumerate(zip(aligned, row, strict=True)):
+            tag, scope = ("td", "") if k else ("th", Markup(' scope="row"'))
             shown = NO_VALUE if cell is None else cell
-            cells += Markup('<{0}{1} class="{2}">{3}</{0}>').format(tag, scope, column.align, shown)
+            cells += Markup('<{0}{1} class="{2}">{3}</{0}>').format(tag, scope, align, shown)
         body += Markup('<tr class="marked">{}</tr>' if index in marked else "<tr>{}</tr>").format(cells)
-    top = Markup("<thead><tr>{}</tr></thead>").format(head) if any(c.title for c in heads) else Markup("")
+    top = Markup("<thead><tr>{}</tr></thead>").format(head) if any(columns) else Markup("")
     title = Markup("<caption>{}</caption>").format(caption) if caption else Markup("")
     return Markup(
         '<div class="scroll" tabindex="0" role="region" aria-label="{}"><table>{}{}<tbody>{}</tbody></table></div>'
