@@ -5,20 +5,17 @@ Loops on recordings that are not on this machine are left out.
 
 from __future__ import annotations
 
-import json
 import os
 import resource
 import shutil
-import subprocess
-import sys
 import tempfile
-import time
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
 from harness import update
 
+from study.answers import close_loop
 from study.real import cases
 
 #: The loops on recordings of real rigs.
@@ -50,25 +47,16 @@ def loops() -> Iterator[LoopCase]:
 def run_loop(case: LoopCase) -> tuple[float | None, float | None, str]:
     """Run one loop with two workers and nothing kept from earlier runs; seconds, computing time in s, and a note."""
     with tempfile.TemporaryDirectory() as name:
-        folder = Path(name)
-        shutil.copytree(case.folder, folder / "model", ignore=shutil.ignore_patterns("out*"))
-        command = [str(Path(sys.executable).parent / "aero-bayes"), "close-loop", "--config", "model/rig.toml"]
-        command += [part for role in ("train", "test") for p in getattr(case, role) for part in (f"--{role}", str(p))]
-        command += ["--out", "run", "--workers", "2", "--quiet"]
-        before, began = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
-        environment = {**os.environ, "XDG_CACHE_HOME": str(folder / "cache")}
+        folder, environment = Path(name) / "model", {**os.environ, "XDG_CACHE_HOME": str(Path(name) / "cache")}
+        shutil.copytree(case.folder, folder, ignore=shutil.ignore_patterns("out*"))
+        before = resource.getrusage(resource.RUSAGE_CHILDREN)
         try:
-            done = subprocess.run(
-                command, cwd=folder, env=environment, capture_output=True, text=True, check=False, timeout=TIME_LIMIT
-            )
-        except subprocess.TimeoutExpired:
-            return None, None, f"not done in {TIME_LIMIT:g} s"
-        seconds, after = time.perf_counter() - began, resource.getrusage(resource.RUSAGE_CHILDREN)
-        if done.returncode:
-            return None, None, (done.stderr.strip().splitlines() or ["?"])[-1]
-        loop = json.loads((folder / "run" / "result.json").read_text(encoding="utf-8"))["loop"]
+            row = close_loop(folder, case.train, case.test, workers=2, seconds=TIME_LIMIT, environment=environment)
+        except RuntimeError as error:
+            return None, None, str(error)
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
     cpu = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
-    return seconds, cpu, f"{seconds:.1f} s, {cpu:.1f} s of computing, {loop.get('simulations', '?')} simulations"
+    return row["seconds"], cpu, f"{row['seconds']:.1f} s, {cpu:.1f} s of computing, {row['simulations']} simulations"
 
 
 def run(out: Path, rounds: int = 1) -> None:

@@ -13,8 +13,7 @@ import aero_bayes
 SECTIONS = ("Parameters", "Returns", "Raises", "Notes", "Examples")
 #: Public beside ``aero_bayes.__all__``: what a model of one's own needs.
 FURTHER = (
-    "data.Layout", "data.write_csv", "estimate.CalibrationSettings", "estimate.Override", "estimate.Normal",
-    "estimate.LogNormal", "estimate.Uniform", "estimate.LogUniform", "estimate.parameters_from_model",
+    "data.Layout", "data.write_csv", "estimate.CalibrationSettings", "estimate.parameters_from_model",
     "report.plots.palette",
 )  # fmt: skip
 

@@ -21,7 +21,7 @@ from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
 from aero_bayes import cli, declared
-from aero_bayes.commands.fleet_rigs import FleetFile
+from aero_bayes.commands.fleet import FleetFile
 from aero_bayes.config import Config
 from aero_bayes.report.schema_run import FleetJson, RunJson
 from aero_bayes.structure.candidates import describe_law

@@ -3,6 +3,11 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
+
+import pytest
+
+from aero_bayes.errors import InputError
 
 
 def facts(*stated: str) -> str:
@@ -14,3 +19,14 @@ def _whole(text: str) -> str:
     before = r"(?<!\w)" if re.match(r"\w", text) else ""
     after = r"(?!\w)" if re.search(r"\w$", text) else ""
     return before + re.escape(text) + after
+
+
+def refusal(call: Callable[[], object], *stated: str) -> str:
+    """The one line in which bad input is refused, which states all of these."""
+    with pytest.raises(InputError) as caught:
+        call()
+    message = str(caught.value)
+    assert "\n" not in message
+    for text in stated:
+        assert text in message, message
+    return message

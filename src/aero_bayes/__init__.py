@@ -24,14 +24,14 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from aero_bayes.commands.fleet import fleet
-    from aero_bayes.commands.fleet_rigs import Rig
+    from aero_bayes.commands.fleet import Rig, fleet
     from aero_bayes.data.read import read_recording
     from aero_bayes.data.recording import Recording
-    from aero_bayes.data.summary import summarise
     from aero_bayes.errors import CannotFinishError, InputError
     from aero_bayes.estimate.fit import fit
     from aero_bayes.estimate.levenberg_marquardt import FitSettings
+    from aero_bayes.estimate.parameters import Override
+    from aero_bayes.estimate.priors import LogNormal, LogUniform, Normal, Uniform
     from aero_bayes.estimate.propose import propose_experiment
     from aero_bayes.estimate.result import Fit
     from aero_bayes.library import compare, load_result, save
@@ -52,9 +52,13 @@ __all__ = [
     "Fit",
     "FitSettings",
     "InputError",
+    "LogNormal",
+    "LogUniform",
     "LoopResult",
     "LoopSettings",
     "Model",
+    "Normal",
+    "Override",
     "Posterior",
     "PythonModel",
     "Recording",
@@ -62,6 +66,7 @@ __all__ = [
     "Rig",
     "RunDirectory",
     "SampleSettings",
+    "Uniform",
     "close_loop",
     "compare",
     "export_fmu",
@@ -73,19 +78,19 @@ __all__ = [
     "read_recording",
     "sample",
     "save",
-    "summarise",
 ]
 
 
 #: By file or room the names that are imported when first used (PEP 562), so that one command pays for one stage.
 _HOMES = {
-    "commands.fleet": "fleet",
-    "commands.fleet_rigs": "Rig",
-    "data": "Recording read_recording summarise",
+    "commands.fleet": "Rig fleet",
+    "data": "Recording read_recording",
     "errors": "CannotFinishError InputError",
     "estimate.fit": "fit",
     "estimate.levenberg_marquardt": "FitSettings",
     "estimate.prediction": "RecordingPrediction",
+    "estimate.parameters": "Override",
+    "estimate.priors": "LogNormal LogUniform Normal Uniform",
     "estimate.propose": "propose_experiment",
     "estimate.result": "Fit",
     "library": "compare load_result save",

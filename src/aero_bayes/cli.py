@@ -335,8 +335,8 @@ def check_command(recordings: tuple[Path, ...], model: str | None, config: Path 
 @click.option("--quiet", is_flag=True, help="No progress bar.")
 def fleet_command(config: Path, out: Path, dask: str | None, seed: int, workers: int | None, quiet: bool) -> None:
     """Fit many rigs of one model and compare them. Rigs that were fitted before are not fitted again."""
-    from aero_bayes.commands.fleet import fleet, open_executor
-    from aero_bayes.commands.fleet_rigs import read_fleet
+    from aero_bayes.commands.fleet import fleet, read_fleet
+    from aero_bayes.commands.fleet_runner import open_executor
     from aero_bayes.files import one_run_at_a_time
     from aero_bayes.progress import ProgressBar
 

@@ -16,25 +16,28 @@ from study.study import Row
 
 
 def close_loop(
-    folder: Path, train: Sequence[Path], test: Sequence[Path] = (), *, seed: int = 1, minutes: float | None = None
-) -> Row:
-    """Close the loop on ``rig.toml`` of a folder by the command, in one process, and read ``result.json``.
+    folder: Path, train: Sequence[Path], test: Sequence[Path] = (), *, seed: int = 1, workers: int = 1,
+    seconds: float | None = None, environment: Mapping[str, str] | None = None,
+) -> Row:  # fmt: skip
+    """Close the loop on ``rig.toml`` of a folder by the command, and read ``result.json``.
 
-    Raises RuntimeError with the last line that the command printed, where it fails.
+    Raises RuntimeError with the last line that the command printed, where it fails, or after so many ``seconds``.
     """
-    if minutes:
-        with (folder / "rig.toml").open("a", encoding="utf-8") as config:
-            config.write(f"\n[loop]\nmax_minutes = {minutes:g}\n")
     command = [str(Path(sys.executable).with_name("aero-bayes")), "close-loop", "--config", "rig.toml"]
-    command += ["--out", "out", "--workers", "1", "--seed", str(seed), "--quiet"]
+    command += ["--out", "out", "--workers", str(workers), "--seed", str(seed), "--quiet"]
     command += [part for path in train for part in ("--train", str(path))]
     command += [part for path in test for part in ("--test", str(path))]
     began = time.perf_counter()
-    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
-    seconds = round(time.perf_counter() - began, 2)
+    try:
+        done = subprocess.run(
+            command, cwd=folder, capture_output=True, text=True, check=False, timeout=seconds, env=environment
+        )
+    except subprocess.TimeoutExpired:
+        raise RuntimeError(f"not done in {seconds:g} s") from None
+    took = round(time.perf_counter() - began, 2)
     if done.returncode:
         raise RuntimeError((done.stderr.strip().splitlines() or ["no message"])[-1])
-    return {**answer_of(json.loads((folder / "out" / "result.json").read_text(encoding="utf-8"))), "seconds": seconds}
+    return {**answer_of(json.loads((folder / "out" / "result.json").read_text(encoding="utf-8"))), "seconds": took}
 
 
 @dataclass(frozen=True)
@@ -54,7 +57,9 @@ class LoopTask:
         self.folder.mkdir(parents=True)
         for name, text in self.files.items():
             (self.folder / name).write_text(text, encoding="utf-8")
-        return close_loop(self.folder, self.train, self.test, seed=self.seed, minutes=self.minutes)
+        with (self.folder / "rig.toml").open("a", encoding="utf-8") as config:
+            config.write(f"\n[loop]\nmax_minutes = {self.minutes:g}\n")
+        return close_loop(self.folder, self.train, self.test, seed=self.seed)
 
 
 def answer_of(result: Mapping[str, Any]) -> Row:
@@ -68,6 +73,7 @@ def answer_of(result: Mapping[str, Any]) -> Row:
         "before": loop.get("before", {}),
         "after": loop.get("after", {}),
         "sentence": loop.get("sentence", ""),
+        "simulations": loop.get("simulations"),
     }
 
 

@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from aero_bayes import InputError
 from aero_bayes.data import Layout, read_recording
 
 pytestmark = pytest.mark.fast
@@ -57,18 +56,3 @@ def test_what_was_skipped_is_told_by_its_rows(tmp_path: Path) -> None:
     assert "rows 1 to 2, 6, 17 to 18" in note
     (tmp_path / "run.csv").write_text("# Logger 3\ntime;u;y\n" + rows)
     assert read_recording(tmp_path / "run.csv", layout=LAYOUT).notes == ()
-
-
-@pytest.mark.parametrize(("text", "words"), [
-    ("Dear all,\nthe test went well.\nBest, Jo\n", "holds no table"),
-    ("0,1,2\n1,1,2\n2,1,2\n", "row 1: holds numbers, expected a header"),
-    ("time,u\n0,1,2\n1,1,2\n2,1,2\n", "row 2: holds numbers, expected names above its 3 columns"),
-    ("time,u,y\n0,1,2\n1,off,off\n2,1,2\n3,1,2\n4,1,2\n", "row 3, column u: 'off' is not a number"),
-    ("time,u,y\n0,1,2\n1,1\n2,1,2\n3,1,2\n4,1,2\n", "row 3: 2 cells, expected 3"),
-    ("time,u,y\n0,1\n1,1,2\n2,1,2\n3,1,2\n", "row 2: 2 cells, expected 3"),
-])  # fmt: skip
-def test_what_is_no_table_is_one_line(text: str, words: str, tmp_path: Path) -> None:
-    (tmp_path / "run.csv").write_text(text)
-    with pytest.raises(InputError, match=words) as refused:
-        read_recording(tmp_path / "run.csv", layout=LAYOUT)
-    assert "\n" not in str(refused.value)

@@ -33,7 +33,6 @@ def test_white_noise_within_five_percent(output: str, level: float) -> None:
         floor = noise_floor(RUN[output] + noise, TIME, INPUTS)
         assert floor.sd == pytest.approx(sd, rel=0.05)
         assert floor.slow == 0.0
-        assert floor.correlation == 0.0
         assert floor.quantum is None
 
 
@@ -51,13 +50,6 @@ def test_noise_with_memory_is_told_from_the_signal(output: str, correlation_time
     assert slow_time == pytest.approx(correlation_time, rel=0.6)
 
 
-def test_without_jumps_given_a_smooth_input_needs_none() -> None:
-    rng = np.random.default_rng(5)
-    signal = 0.4 * np.sin(2.0 * np.pi * 0.3 * TIME) + 0.1 * np.sin(2.0 * np.pi * 0.9 * TIME)
-    floor = noise_floor(signal + 2e-3 * rng.standard_normal(TIME.size), TIME)
-    assert floor.sd == pytest.approx(2e-3, rel=0.05)
-
-
 def test_uneven_times_and_gaps() -> None:
     rng = np.random.default_rng(6)
     time = np.cumsum(rng.uniform(0.002, 0.02, 6000))
@@ -65,7 +57,6 @@ def test_uneven_times_and_gaps() -> None:
     values[rng.random(time.size) < 0.2] = np.nan
     floor = noise_floor(values, time)
     assert floor.sd == pytest.approx(1e-3, rel=0.06)
-    assert floor.readings == int(np.isfinite(values).sum())
 
 
 def test_quantised_readings_never_fall_below_the_quantum() -> None:
@@ -95,5 +86,4 @@ def test_continuous_readings_have_no_quantum() -> None:
 
 
 def test_too_few_readings_say_nothing() -> None:
-    floor = noise_floor(np.array([0.0, 1.0, np.nan, 2.0]), np.arange(4.0))
-    assert (floor.sd, floor.readings) == (None, 3)
+    assert noise_floor(np.array([0.0, 1.0, np.nan, 2.0]), np.arange(4.0)).sd is None

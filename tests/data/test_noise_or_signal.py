@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.signal import butter, lfilter
 
-from aero_bayes.data import Recording, noise_floor, noise_floors, summarise
+from aero_bayes.data import Recording, noise_floor, noise_floors
 
 pytestmark = pytest.mark.fast
 
@@ -135,6 +135,6 @@ def test_an_unknown_floor_has_no_entry_and_is_said() -> None:
     }
     recording = Recording("room", 900.0 * COUNT, dict(zip(("T_amb", "Q"), inputs, strict=True)), readings)
     assert noise_floors([recording], ["T", "slow"]) == {("room", "slow"): pytest.approx(0.03, rel=0.1)}
-    said = {output.name: output.text for output in summarise(recording).outputs}
+    said = {output.name: output.text for output in recording.summary().outputs}
     assert "unknown" in said["T"]
     assert "0.03" in said["slow"]

@@ -9,11 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 from aero_recordings import read_aero
-from facts import facts
+from facts import facts, refusal
 
 from aero_bayes.data import ColumnMap, Layout
 from aero_bayes.data.read import column_names
-from aero_bayes.errors import InputError
 
 pytestmark = pytest.mark.fast
 
@@ -37,11 +36,8 @@ def with_cell(row: int, column: int, cell: str) -> str:
     return "\n".join(lines) + "\n"
 
 
-def complaint(path: Path, **options: object) -> str:
-    with pytest.raises(InputError) as caught:
-        read_aero(path, **options)  # type: ignore[arg-type]
-    message = str(caught.value)
-    assert "\n" not in message
+def complaint(path: Path, *parts: str, **options: object) -> str:
+    message = refusal(lambda: read_aero(path, **options), *parts)  # type: ignore[arg-type]
     assert str(path) in message or "column" in message
     return message
 
@@ -124,11 +120,6 @@ def test_a_line_of_units_is_part_of_the_names(tmp_path: Path) -> None:
     assert recording.outputs["theta"][7] == pytest.approx(np.deg2rad(0.07))
 
 
-def test_missing_outputs_are_left_out(tmp_path: Path) -> None:
-    text = "\n".join(",".join(line.split(",")[k] for k in (0, 1, 4)) for line in GOOD.splitlines())
-    assert list(read_aero(write(tmp_path, text)).outputs) == ["theta"]
-
-
 def test_empty_cells_of_outputs_are_gaps(tmp_path: Path) -> None:
     lines = GOOD.splitlines()
     lines[3] = "0.02,0,,,0.02"
@@ -172,12 +163,14 @@ def test_empty_cells_of_outputs_are_gaps(tmp_path: Path) -> None:
         (b"time,V_m,theta\n\x00\x01", ["not plain text"]),
         (GOOD.replace("time", "z\xe9it").encode("latin-1"), ["row 1", "no column time", "z\xe9it"]),
         ("time,V_m,theta\n0,1,0\n1,1,0\n", ["2 samples, expected at least 4"]),
+        ("Dear all,\nthe test went well.\nBest, Jo\n", ["holds no table"]),
+        ("time,V_m\n0,1,2\n1,1,2\n2,1,2\n", ["row 2: holds numbers, expected names above its 3 columns"]),
+        ("time,V_m,i_m\n0,1,2\n1,off,off\n2,1,2\n3,1,2\n4,1,2\n", ["row 3, column V_m: 'off' is not a number"]),
+        ("time,V_m,i_m\n0,1\n1,1,2\n2,1,2\n3,1,2\n", ["row 2: 2 cells, expected 3"]),
     ],
 )
 def test_complaints(tmp_path: Path, text: str | bytes, parts: list[str]) -> None:
-    message = complaint(write(tmp_path, text))
-    for part in parts:
-        assert part in message
+    complaint(write(tmp_path, text), *parts)
 
 
 def test_blocks_of_missing_values(tmp_path: Path) -> None:
@@ -207,9 +200,7 @@ def test_units_wrong_by_a_thousand(tmp_path: Path) -> None:
         scaled = table.copy()
         scaled[:, column] *= factor
         text = "time,V_m,i_m,omega_m,theta\n" + "\n".join(",".join(f"{x:.12g}" for x in row) for row in scaled)
-        message = complaint(write(tmp_path, text))
-        for part in parts:
-            assert part in message, message
+        complaint(write(tmp_path, text), *parts)
 
 
 def test_degrees_and_rpm_through_a_mapping(tmp_path: Path) -> None:
@@ -243,25 +234,24 @@ def test_degrees_and_rpm_through_a_mapping(tmp_path: Path) -> None:
     ],
 )
 def test_wrong_mappings(tmp_path: Path, column: str, mapping: ColumnMap, part: str) -> None:
-    with pytest.raises(InputError, match="column") as caught:
-        read_aero(write(tmp_path, GOOD), {column: mapping})
-    assert part in str(caught.value)
+    complaint(write(tmp_path, GOOD), "column", part, columns={column: mapping})
 
 
 def test_missing_file_and_directory(tmp_path: Path) -> None:
-    assert "no such file" in complaint(tmp_path / "none.csv")
-    assert "no file has a column of V_m" in complaint(tmp_path)
+    complaint(tmp_path / "none.csv", "no such file")
+    complaint(tmp_path, "no file has a column of V_m")
 
 
-def test_another_layout(tmp_path: Path) -> None:
+def test_another_layout_and_an_output_that_is_missing(tmp_path: Path) -> None:
     path = write(tmp_path, "time,u,y\n" + "\n".join(f"{k},{k},{1e6 * k}" for k in range(10)))
     recording = read_aero(path, layout=Layout.of(["u"], ["y", "z"], {"y": "Pa"}))
     assert list(recording.outputs) == ["y"]
     assert recording.units["y"] == "Pa"
 
 
-def test_too_little_memory_names_the_size(tmp_path: Path) -> None:
-    message = complaint(write(tmp_path, GOOD), memory=1000)
+def test_too_little_memory_names_the_size(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("aero_bayes.data.tables.free_memory", lambda: 1000)
+    message = complaint(write(tmp_path, GOOD))
     assert re.search(facts("20", "5", "MiB"), message)
 
 

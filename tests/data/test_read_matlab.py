@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from aero_recordings import read_aero
-from facts import facts
+from facts import facts, refusal
 from scipy.io import savemat
 
 from aero_bayes.data import ColumnMap
@@ -87,16 +87,15 @@ def write_hdf5(path: Path, content: dict[str, Any]) -> None:
         file.write(b"MATLAB 7.3 MAT-file".ljust(512))
 
 
-@pytest.mark.parametrize("version", ["5", "7.3"])
+WRITERS = {"5": savemat, "7.3": write_hdf5}
+
+
+@pytest.mark.parametrize("version", WRITERS)
 @pytest.mark.parametrize("case", CASES)
 def test_layouts(tmp_path: Path, case: str, version: str) -> None:
     content, columns = CASES[case]
-    path = tmp_path / "log.mat"
-    if version == "5":
-        savemat(path, content)
-    else:
-        write_hdf5(path, content)
-    recording = read_aero(path, columns)
+    WRITERS[version](tmp_path / "log.mat", content)
+    recording = read_aero(tmp_path / "log.mat", columns)
     np.testing.assert_array_equal(recording.time, TIME)
     np.testing.assert_array_equal(recording.inputs["V_m"], VOLTS)
     np.testing.assert_allclose(recording.outputs["theta"], np.deg2rad(DEGREES), rtol=1e-15)
@@ -112,10 +111,11 @@ def test_gaps_are_nan_and_inputs_must_be_whole(tmp_path: Path) -> None:
         read_aero(tmp_path / "b.mat", LOG)
 
 
-def test_too_little_memory_names_the_size(tmp_path: Path) -> None:
+def test_too_little_memory_names_the_size(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("aero_bayes.data.matlab.free_memory", lambda: 100)
     savemat(tmp_path / "a.mat", {"log": np.vstack([TIME, VOLTS, DEGREES])})
     with pytest.raises(InputError, match="MiB of memory"):
-        read_aero(tmp_path / "a.mat", LOG, memory=100)
+        read_aero(tmp_path / "a.mat", LOG)
 
 
 def test_the_content_decides_not_the_name(tmp_path: Path) -> None:
@@ -124,41 +124,27 @@ def test_the_content_decides_not_the_name(tmp_path: Path) -> None:
     assert read_aero(tmp_path / "log.csv", LOG).rows == 50
 
 
-@pytest.mark.parametrize("version", ["5", "7.3"])
+@pytest.mark.parametrize("version", WRITERS)
 def test_complaints(tmp_path: Path, version: str) -> None:
-    def write(content: dict[str, Any]) -> Path:
-        path = tmp_path / "x.mat"
-        if version == "5":
-            savemat(path, content)
-        else:
-            write_hdf5(path, content)
-        return path
-
-    with pytest.raises(InputError, match=facts("column time", "log(1)", "log(2)", "log(3)")):
-        read_aero(write({"log": np.vstack([TIME, VOLTS, DEGREES])}))
-    with pytest.raises(InputError, match=facts("column V_m", "20", "50")):
-        read_aero(write({"time": TIME, "V_m": VOLTS[:20], "theta": DEGREES}))
-    with pytest.raises(InputError, match="no output column"):
-        read_aero(write({"time": TIME, "V_m": VOLTS}))
-    with pytest.raises(InputError, match="found nothing"):
-        read_aero(write({"note": "text"}))
+    for content, stated in (
+        ({"log": np.vstack([TIME, VOLTS, DEGREES])}, ("column time", "log(1)", "log(2)", "log(3)")),
+        ({"time": TIME, "V_m": VOLTS[:20], "theta": DEGREES}, ("column V_m", "20", "50")),
+        ({"time": TIME, "V_m": VOLTS}, ("no output column",)),
+        ({"note": "text"}, ("found nothing",)),
+    ):
+        WRITERS[version](tmp_path / "x.mat", content)
+        with pytest.raises(InputError, match=facts(*stated)):
+            read_aero(tmp_path / "x.mat")
 
 
 @pytest.mark.parametrize("keep", [0.2, 0.6, 0.95])
-@pytest.mark.parametrize("version", ["5", "7.3"])
+@pytest.mark.parametrize("version", WRITERS)
 def test_a_cut_file_is_one_line(tmp_path: Path, version: str, keep: float) -> None:
     path = tmp_path / "cut.mat"
-    content = {"log": np.vstack([TIME, VOLTS, DEGREES])}
-    if version == "5":
-        savemat(path, content)
-    else:
-        write_hdf5(path, content)
+    WRITERS[version](path, {"log": np.vstack([TIME, VOLTS, DEGREES])})
     raw = path.read_bytes()
     path.write_bytes(raw[: int(keep * len(raw))])
-    with pytest.raises(InputError) as caught:
-        read_aero(path, LOG)
-    assert str(path) in str(caught.value)
-    assert "\n" not in str(caught.value)
+    refusal(lambda: read_aero(path, LOG), str(path))
 
 
 @pytest.mark.parametrize(("at", "byte"), [(144, 5), (145, 14), (176, 14), (177, 255)])
@@ -169,10 +155,7 @@ def test_one_changed_byte_of_a_tag_is_one_line(tmp_path: Path, at: int, byte: in
     raw = bytearray(path.read_bytes())
     raw[at] = byte
     path.write_bytes(raw)
-    with pytest.raises(InputError) as caught:
-        read_aero(path, LOG)
-    assert str(path) in str(caught.value)
-    assert "\n" not in str(caught.value)
+    refusal(lambda: read_aero(path, LOG), str(path))
 
 
 def test_without_h5py_the_message_says_what_to_install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

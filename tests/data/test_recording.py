@@ -31,7 +31,6 @@ def test_slice_split_and_holding_back() -> None:
     assert held.rows == whole.rows
     assert np.isfinite(held.outputs["theta"]).sum() == 5
     np.testing.assert_array_equal(held.inputs["V_m"], whole.inputs["V_m"])
-    assert np.isfinite(whole.thin(3).outputs["theta"]).tolist() == [k % 3 == 0 for k in range(10)]
     assert len({whole.sha256, held.sha256, first.sha256, rest.sha256}) == 4
 
 
@@ -41,7 +40,6 @@ def test_slice_split_and_holding_back() -> None:
         lambda r: r.slice(50.0, 60.0),
         lambda r: r.split(1.5),
         lambda r: r.split(0.01),
-        lambda r: r.thin(0),
         lambda r: r.measured(("i_m",)),
         lambda r: to_experiment(r, ["i_m"]),
     ],

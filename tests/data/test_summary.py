@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import json
 import re
 
 import numpy as np
 import pytest
 from facts import facts
 
-from aero_bayes.data import Recording, summarise
+from aero_bayes.data import Recording
 from simulated_rigs.aero import Truth, simulate_recording
 from simulated_rigs.designs import equal_steps
 from simulated_rigs.sensors import SensorNoise, real, white
@@ -27,16 +26,14 @@ def made(sensors: dict[str, SensorNoise], seed: int = 0, rate_hz: float = 100.0)
 
 def test_sampling_input_and_gaps() -> None:
     recording = made({"theta": SensorNoise(white=1e-3, missing=0.1)})
-    summary = summarise(recording)
+    summary = recording.summary()
     assert (summary.rows, summary.rate_hz, summary.dropped) == (2701, pytest.approx(100.0), 0)
     (volts,) = summary.inputs
     assert (volts.levels, volts.jumps, volts.lowest, volts.highest) == (5, 5, -9.0, 18.0)
-    assert volts.jump_times == pytest.approx((1.0, 6.0, 11.0, 16.0, 21.0))
     assert volts.at_largest == pytest.approx(500 / 2701)
     theta = summary.outputs[2]
     assert theta.missing == int(np.isnan(recording.outputs["theta"]).sum()) > 0
     assert theta.noise.sd == pytest.approx(1e-3, rel=0.1)
-    json.dumps(summary.to_dict(), allow_nan=False)
     assert re.search(facts("made", "2,701"), str(summary))
     assert re.search(facts("V_m", "-9", "18 V", "5 levels"), summary._repr_html_())
 
@@ -52,7 +49,7 @@ def test_dropped_samples_and_jitter() -> None:
         {"V_m": recording.inputs["V_m"][keep]},
         {"theta": recording.outputs["theta"][keep]},
     )
-    summary = summarise(cut)
+    summary = cut.summary()
     assert summary.dropped == 11
     assert summary.longest_interval == pytest.approx(0.11, abs=2e-3)
     assert 0.01 < summary.jitter < 0.1
@@ -61,14 +58,14 @@ def test_dropped_samples_and_jitter() -> None:
 def test_saturated_sensor_is_seen_and_a_resting_encoder_is_not() -> None:
     recording = made(white() | {"theta": SensorNoise(1e-3)})
     clipped = dict(recording.outputs) | {"omega_m": np.minimum(recording.outputs["omega_m"], 300.0)}
-    summary = summarise(Recording("clipped", recording.time, recording.inputs, clipped, recording.units))
+    summary = Recording("clipped", recording.time, recording.inputs, clipped, recording.units).summary()
     share = float((clipped["omega_m"] == 300.0).mean())
     assert summary.outputs[1].saturated == pytest.approx(share, rel=0.05)
     assert summary.outputs[0].saturated == 0.0
     assert "saturated" in summary.outputs[1].text
-    assert summarise(made({"theta": SensorNoise(counts=2048)})).outputs[2].saturated == 0.0
+    assert made({"theta": SensorNoise(counts=2048)}).summary().outputs[2].saturated == 0.0
 
 
 def test_real_noise_is_described() -> None:
-    text = str(summarise(made(real(), rate_hz=1000.0)))
+    text = str(made(real(), rate_hz=1000.0).summary())
     assert "step 0.003068" in text

@@ -12,10 +12,9 @@ import simulated_rigs.aero as bench
 from aero_bayes.errors import InputError
 from aero_bayes.estimate import Limits
 from aero_bayes.estimate.fit import fit
-from aero_bayes.estimate.information import ExperimentPredictor, posterior_sd
+from aero_bayes.estimate.information import FAMILIES, ExperimentPredictor, SearchSettings, posterior_sd
 from aero_bayes.estimate.levenberg_marquardt import FitSettings
 from aero_bayes.estimate.propose import propose_experiment, separating_experiment
-from aero_bayes.estimate.signal_search import FAMILIES, SearchSettings
 from aero_bayes.estimate.target import NoiseLayout
 from aero_bayes.modelica.compilers import export_fmu
 from aero_bayes.plain import plain

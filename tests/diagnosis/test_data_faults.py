@@ -57,7 +57,9 @@ def test_the_part_after_a_gap_begins_anew(room: aero_bayes.Model) -> None:
 
 @pytest.mark.parametrize("every", [40, 85])
 def test_few_readings_among_many_rows(room: aero_bayes.Model, every: int) -> None:
-    found = heated_room.fit(heated_room.recording().thin(every), room)
+    whole = heated_room.recording()
+    kept = np.arange(whole.rows) % every == 0
+    found = heated_room.fit(heated_room.with_readings(whole, lambda y: np.where(kept, y, np.nan)), room)
     assert_right(found, set(), 0.15)
     assert found["C"].sd is not None
 

@@ -55,7 +55,7 @@ def loop(recording: aero_bayes.Recording, tmp_path_factory: pytest.TempPathFacto
     )
     folder = tmp_path_factory.mktemp("loop")
     found = aero_bayes.close_loop([recording], model=CART / "Rig.mo", settings=settings, workers=0, out_dir=folder)
-    assert [path.name for path in folder.iterdir()] == ["Rig_coulomb_friction.mo"]  # no models that were only tried
+    assert [path.name for path in folder.glob("*.mo")] == ["Rig_coulomb_friction.mo"]  # no models that were only tried
     return found
 
 

@@ -11,6 +11,8 @@ from typing import Any
 
 import numpy as np
 
+from aero_bayes.commands.fleet_runner import Table, open_executor, run_tasks
+
 
 @dataclass(frozen=True)
 class Count:
@@ -27,25 +29,22 @@ class Count:
         return f"{self.number:04}"
 
 
+def plain(task: Count) -> dict[str, Any]:
+    """A row that depends on the task alone; every seventh fails."""
+    time.sleep(task.seconds)
+    if task.number % 7 == 6:
+        raise ValueError("this one\ncannot be")
+    return {"key": task.key, "value": float(np.random.default_rng(task.number).normal())}
+
+
 def work(task: Count) -> dict[str, Any]:
-    """A row that depends on the task alone; every fifth kills its worker the first time, every seventh fails."""
+    """The same, but every fifth kills its worker the first time."""
     mark = task.marks / task.key
     first = not mark.exists()
     mark.touch()
-    time.sleep(task.seconds)
     if task.number % 5 == 3 and first:
         os._exit(9)
-    if task.number % 7 == 6:
-        raise ValueError("this one\ncannot be")
-    return {"key": task.key, "value": float(np.random.default_rng(task.number).normal())}
-
-
-def plain(task: Count) -> dict[str, Any]:
-    """The same without death."""
-    time.sleep(task.seconds)
-    if task.number % 7 == 6:
-        raise ValueError("this one\ncannot be")
-    return {"key": task.key, "value": float(np.random.default_rng(task.number).normal())}
+    return plain(task)
 
 
 def one_always_dies(task: Count) -> dict[str, Any]:
@@ -71,18 +70,13 @@ class Here(Executor):
         return future
 
 
-def killed_with_a_pool(table: str, marks: str) -> None:
-    """What a caller of a pool does that the test kills with -9."""
-    from aero_bayes.commands.fleet import open_executor
-    from aero_bayes.commands.fleet_runner import Table, run_tasks
-
-    with Table(Path(table)) as rows, open_executor(workers=2) as executor:
-        run_tasks([Count(k, Path(marks)) for k in range(4)], mark_and_sleep, rows, executor)
+def killed_with_a_pool(folder: str) -> None:
+    """What a caller of a pool does that the test kills."""
+    with Table(Path(folder) / "rows.sqlite") as rows, open_executor(workers=2) as executor:
+        run_tasks([Count(k, Path(folder) / "marks") for k in range(4)], mark_and_sleep, rows, executor)
 
 
-def killed_half_way(table: str, marks: str, count: int) -> None:
-    """What a caller does that the test kills with -9."""
-    from aero_bayes.commands.fleet_runner import Table, run_tasks
-
-    with Table(Path(table)) as rows:
-        run_tasks([Count(k, Path(marks), 0.02) for k in range(count)], plain, rows, Here())
+def killed_half_way(folder: str) -> None:
+    """What a caller does that the test kills."""
+    with Table(Path(folder) / "rows.sqlite") as rows:
+        run_tasks([Count(k, Path(folder) / "marks", 0.02) for k in range(60)], plain, rows, Here())

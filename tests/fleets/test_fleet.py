@@ -11,10 +11,8 @@ import pytest
 from click.testing import CliRunner
 
 from aero_bayes.cli import main
-from aero_bayes.commands.fleet import attempt, fleet, tasks_of
-from aero_bayes.commands.fleet_rigs import Rig, read_fleet
+from aero_bayes.commands.fleet import FleetPlan, Rig, attempt, fleet, read_fleet, tasks_of
 from aero_bayes.commands.fleet_runner import Table
-from aero_bayes.data import read_recording
 from aero_bayes.errors import InputError
 from aero_bayes.report.schema_run import FleetJson
 from simulate_fleet import write_fleet
@@ -32,7 +30,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     table = root / "rigs.csv"
     lines = table.read_text("utf-8").splitlines()
     lines = [lines[0] + ',parameters."mass.m".value', *(f"{line}," for line in lines[1:])]
-    lines[4] += "1.6"
+    lines[4] += "2.0"
     table.write_text("\n".join([*lines, "lost,recordings/lost/train.csv,,"]) + "\n", "utf-8")
     return root
 
@@ -56,7 +54,7 @@ def test_every_rig_is_a_row_and_has_its_page(folder: Path, done: tuple[Path, Fle
         assert entry["centre"] == pytest.approx(np.log(truth[name]["spring.k"]), abs=6 * entry["width"])
         assert set(rows[name]["parameters"]) == {"spring.k", "damper.d"}
     held = json.loads((out / "rigs" / "cart-4" / "result.json").read_text("utf-8"))["parameters"]["mass.m"]
-    assert (held["value"], held["status"]) == (1.6, "fixed")
+    assert (held["value"], held["status"]) == (2.0, "fixed")
     # A mass that is said to be larger than it is leaves structure in the residual.
     assert [entry.rig for entry in found.stand_out] == ["cart-4"]
     assert "times the noise floor" in found.stand_out[0].reasons[0]
@@ -112,20 +110,7 @@ def test_a_file_that_is_wrong_is_one_line(tmp_path: Path, text: str, rigs: str |
 
 
 def test_two_rigs_of_one_name_are_refused(tmp_path: Path) -> None:
-    rigs = [Rig("a", (tmp_path / "a.csv",)), Rig("a", (tmp_path / "b.csv",))]
-    plan = read_fleet_of(rigs)
+    rigs = [Rig("a", (Path("a.csv"),)), Rig("a", (Path("b.csv"),))]
+    plan = FleetPlan({"model": {"name": "Aero.Systems.OneDof"}}, tmp_path, "fit", rigs)
     with pytest.raises(InputError, match="two rigs are called a"):
         list(tasks_of(plan, tmp_path, 1))
-
-
-def read_fleet_of(rigs: list[Rig]):
-    from aero_bayes.commands.fleet_rigs import FleetPlan
-
-    return FleetPlan({"model": {"name": "Aero.Systems.OneDof"}}, Path(), "fit", rigs)
-
-
-def test_recordings_of_the_simulated_fleet_are_read(folder: Path) -> None:
-    from aero_bayes.data import Layout
-
-    recording = read_recording(folder / "recordings" / "cart-1" / "train.csv", layout=Layout.of(["F"], ["position"]))
-    assert recording.rows == 6001

@@ -13,15 +13,12 @@ from pathlib import Path
 
 import pytest
 from facts import facts
-from fleets.fleet_tasks import Count, Here, killed_half_way, one_always_dies, plain, work
+from fleets.fleet_tasks import Count, Here, one_always_dies, plain, work
 
-from aero_bayes.commands.fleet import open_executor
-from aero_bayes.commands.fleet_runner import Table, run_tasks
+from aero_bayes.commands.fleet_runner import Table, open_executor, run_tasks
 from aero_bayes.errors import InputError
 
 pytestmark = pytest.mark.long
-
-assert killed_half_way  # run by a process of its own below
 
 
 def tasks(folder: Path, count: int) -> list[Count]:
@@ -54,19 +51,24 @@ def test_a_task_that_kills_every_worker_is_a_row_that_says_so(tmp_path: Path) ->
     assert set(rows.values()) == {""}
 
 
+def caller(task: str, folder: Path) -> subprocess.Popen[bytes]:
+    """A process of its own, in a session of its own: what Ctrl-C sends reaches it alone."""
+    code = (
+        f"import sys, signal; sys.path.insert(0, {str(Path(__file__).parents[1])!r});"
+        "signal.signal(signal.SIGINT, signal.default_int_handler);"
+        f"from fleets.fleet_tasks import {task}; {task}({str(folder)!r})"
+    )
+    return subprocess.Popen([sys.executable, "-c", code], stderr=subprocess.DEVNULL, start_new_session=True)
+
+
 def test_a_caller_that_is_killed_goes_on_where_it_was(tmp_path: Path) -> None:
     count, path = 60, tmp_path / "rows.sqlite"
-    code = (
-        f"import sys; sys.path.insert(0, {str(Path(__file__).parents[1])!r});"
-        f"from fleets.fleet_tasks import killed_half_way; killed_half_way({str(path)!r}, {str(tmp_path)!r}, {count})"
-    )
     for least in (5, 15):
-        caller = subprocess.Popen([sys.executable, "-c", code])
-        while not path.exists() or rows_in(path) < least:
-            assert caller.poll() is None
-            time.sleep(0.01)
-        caller.send_signal(signal.SIGKILL)
-        caller.wait()
+        with caller("killed_half_way", tmp_path) as process:
+            while not path.exists() or rows_in(path) < least:
+                assert process.poll() is None
+                time.sleep(0.01)
+            process.send_signal(signal.SIGKILL)
     done = rows_in(path)
     assert 15 <= done < count
     again = []
@@ -78,21 +80,14 @@ def test_a_caller_that_is_killed_goes_on_where_it_was(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("sent", [signal.SIGKILL, signal.SIGINT])
 def test_workers_end_with_their_caller(tmp_path: Path, sent: signal.Signals) -> None:
-    code = (
-        f"import sys; sys.path.insert(0, {str(Path(__file__).parents[1])!r});"
-        f"import signal; signal.signal(signal.SIGINT, signal.default_int_handler);"
-        f"from fleets.fleet_tasks import killed_with_a_pool;"
-        f"killed_with_a_pool({str(tmp_path / 'rows.sqlite')!r}, {str(tmp_path / 'marks')!r})"
-    )
     marks = tmp_path / "marks"
     marks.mkdir()
-    # in a session of its own: what Ctrl-C sends reaches this process alone
-    with subprocess.Popen([sys.executable, "-c", code], stderr=subprocess.DEVNULL, start_new_session=True) as caller:
+    with caller("killed_with_a_pool", tmp_path) as process:
         while len(workers := [int(mark.name) for mark in marks.iterdir()]) < 2:
-            assert caller.poll() is None
+            assert process.poll() is None
             time.sleep(0.01)
-        caller.send_signal(sent)
-        caller.wait(timeout=10.0)
+        process.send_signal(sent)
+        process.wait(timeout=10.0)
     ends = time.monotonic() + 10.0
     while any(map(running, workers)) and time.monotonic() < ends:
         time.sleep(0.1)
@@ -139,6 +134,6 @@ def test_a_file_that_is_no_table_is_refused(tmp_path: Path) -> None:
 
 def test_nobody_at_the_address_is_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("distributed")
-    monkeypatch.setattr(import_module("aero_bayes.commands.fleet"), "CONNECT_TIMEOUT", 0.3)
+    monkeypatch.setattr(import_module("aero_bayes.commands.fleet_runner"), "CONNECT_TIMEOUT", 0.3)
     with pytest.raises(InputError, match="no Dask scheduler"), open_executor("tcp://127.0.0.1:9"):
         pass

@@ -7,8 +7,7 @@ import numpy as np
 import pandas as pd
 
 import aero_bayes
-from aero_bayes import LoopSettings, Recording
-from aero_bayes.estimate import LogNormal, Override
+from aero_bayes import LogNormal, LoopSettings, Override, Recording
 
 model = aero_bayes.load_model("Rig.mo")
 model = aero_bayes.load_model(Path("Rig.mo"), folder="built")
@@ -25,7 +24,7 @@ t, F, y = (frame[c].to_numpy() for c in ("time", "F", "position"))
 same = Recording("arrays", t, {"F": F}, {"position": y})
 lists = Recording("lists", t.tolist(), {"F": F.tolist()}, {"position": y.tolist()})
 early, late = train.split(0.7)
-print(aero_bayes.summarise(train))
+print(train.summary())
 aero_bayes.data.write_csv(early, "early.csv")
 fit = aero_bayes.fit(train, model, parameters="k", workers=0)
 fit = aero_bayes.fit(train, model, parameters={"k": (10, 100), "d": None}, workers=0)

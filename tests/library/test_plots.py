@@ -73,7 +73,7 @@ def test_a_fit_is_drawn_over_its_recording_with_what_it_leaves(cart: SimpleNames
     assert np.array_equal(measured, cart.recording.outputs["position"])
     assert np.array_equal(fitted, cart.fit.fitted[0][:, 0])
     assert left == pytest.approx(1e3 * cart.fit.residuals[0][:, 0], abs=1e-9)  # drawn in mm
-    floor = aero_bayes.summarise(cart.recording).outputs[0].noise.sd
+    floor = cart.recording.summary().outputs[0].noise.sd
     assert [level[0] for level in levels] == pytest.approx([-2e3 * floor, 2e3 * floor])
     assert [axes.get_ylabel() for axes in figure.axes] == ["N", "m", "mm"]
     assert figure.axes[-1].get_xlabel() == "time (s)"
@@ -158,7 +158,7 @@ def test_everything_shows_itself_in_a_line_and_a_table(
     cart: SimpleNamespace, posterior: aero_bayes.Posterior, loop: aero_bayes.LoopResult, run: aero_bayes.RunDirectory
 ):
     forecast = posterior.predict(cart.test, draws=20)
-    summary = aero_bayes.summarise(cart.recording)
+    summary = cart.recording.summary()
     settings = aero_bayes.FitSettings(method="local"), aero_bayes.LoopSettings(), aero_bayes.SampleSettings()
     for thing in (cart.model, cart.recording, cart.fit, posterior, loop, run, forecast, summary, *settings):
         assert len(repr(thing)) < 240, repr(thing)

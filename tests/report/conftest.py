@@ -15,6 +15,7 @@ from headless_chromium import Browser, find_chromium
 
 from aero_bayes.cli import main
 from aero_bayes.data import write_csv
+from aero_bayes.report.compare import write_comparison
 from simulated_rigs.aero import Truth, pivot_friction, simulate_recording
 from simulated_rigs.designs import random_levels
 from simulated_rigs.sensors import white
@@ -81,3 +82,10 @@ def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
         pytest.skip("no Chromium or Chrome on the PATH to open the page with")
     with Browser(executable, tmp_path_factory.mktemp("profile")) as opened:
         yield opened
+
+
+@pytest.fixture(scope="module", params=["loop", "posterior", "compare"])
+def page(request: pytest.FixtureRequest, runs: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    if request.param == "compare":
+        return write_comparison([runs / "loop", runs / "posterior"], tmp_path_factory.mktemp("page") / "compare.html")
+    return runs / request.param / "report.html"

@@ -11,8 +11,6 @@ import axe_core_python
 import pytest
 from headless_chromium import Browser
 
-from aero_bayes.report.compare import write_comparison
-
 pytestmark = pytest.mark.long
 
 AXE = (Path(axe_core_python.__file__).parent / "axe.min.js").read_text("utf-8")
@@ -47,13 +45,6 @@ CONTRAST = """(() => {
 OPEN = "document.querySelectorAll('details').forEach(d => d.open = true)"
 TABBABLE = """[...document.querySelectorAll('a[href], button, summary, input, select, [tabindex="0"]')].filter(e =>
     !e.disabled && e.checkVisibility({contentVisibilityAuto: true, visibilityProperty: true}))"""
-
-
-@pytest.fixture(scope="module", params=["loop", "posterior", "compare"])
-def page(request: pytest.FixtureRequest, runs: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    if request.param == "compare":
-        return write_comparison([runs / "loop", runs / "posterior"], tmp_path_factory.mktemp("page") / "compare.html")
-    return runs / request.param / "report.html"
 
 
 @pytest.mark.parametrize(("width", "dark"), [(1400, False), (400, True)])
@@ -120,6 +111,9 @@ def test_the_page_is_printed_whole(browser: Browser, page: Path) -> None:
         beyond = """[...document.querySelectorAll('body *')].filter(e => e.getBoundingClientRect().right > 719).map(e =>
             e.outerHTML.slice(0, 90))"""
         assert browser.evaluate(beyond) == []
+        shown = "[...document.querySelectorAll('{}')].map(e => getComputedStyle(e).display)"
+        assert set(browser.evaluate(shown.format(".tools, .numbers"))) == {"none"}
+        assert "block" in browser.evaluate(shown.format("svg.plot"))
         paper = base64.b64decode(browser.tab("Page.printToPDF", paperWidth=8.27, paperHeight=11.69)["data"])
     finally:
         browser.tab("Emulation.setEmulatedMedia", media="")

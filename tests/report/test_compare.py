@@ -18,9 +18,8 @@ from aero_bayes.report.compare import write_comparison
 
 @pytest.fixture(scope="module")
 def page(runs: Path, tmp_path_factory: pytest.TempPathFactory) -> str:
-    return write_comparison([runs / "loop", runs / "posterior"], tmp_path_factory.mktemp("c") / "c.html").read_text(
-        "utf-8"
-    )
+    out = tmp_path_factory.mktemp("c") / "c.html"
+    return write_comparison([runs / "loop", runs / "posterior"], out).read_text("utf-8")
 
 
 def rows_of(page: str, caption: str) -> dict[str, list[str]]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import shutil
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -12,8 +11,6 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 from headless_chromium import Browser
-
-from aero_bayes.report.compare import write_comparison
 
 #: The figure of the recording ``train``, and of ``unseen`` the opening picture and the figure below.
 STACK, OPENING, BELOW = "look.of('train')[0]", "look.of('unseen')[0]", "look.of('unseen')[1]"
@@ -35,13 +32,6 @@ LOOK = """window.look = {
             [x, y + +p.parentNode.getAttribute('y')]));
         return points.map(([x, y]) => ends.some(([a, b]) => Math.abs(a - x) < 1 && Math.abs(b - y) < 1)); },
 }"""
-
-
-@pytest.fixture(scope="module", params=["loop", "posterior", "compare"])
-def page(request: pytest.FixtureRequest, runs: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    if request.param == "compare":
-        return write_comparison([runs / "loop", runs / "posterior"], tmp_path_factory.mktemp("page") / "compare.html")
-    return runs / request.param / "report.html"
 
 
 @pytest.fixture
@@ -192,30 +182,6 @@ def test_full_resolution_is_reached_by_zooming(loop: Browser, runs: Path) -> Non
     y = down[0, 1] - 4 + slope * (speed[within] - down[0, 2])  # a tick's text stands four pixels below its line
     points = [*np.column_stack([x, y]).tolist(), [float(across[0, 0]), 2.0]]
     assert loop.evaluate(f"look.inked({STACK}, {points})") == [True] * len(x) + [False]
-
-
-def test_everything_that_can_be_used_has_a_name(browser: Browser, page: Path) -> None:
-    """What a screen reader needs: names, a language, tables with captions, no id twice, no positive tabindex."""
-    browser.open(page)
-    nameless = """[...document.querySelectorAll('button, a, summary, [tabindex], [role]')].filter(e =>
-                  !(e.getAttribute('aria-label') || e.textContent).trim()).map(e => e.outerHTML.slice(0, 80))"""
-    assert browser.evaluate(nameless) == []
-    assert browser.evaluate("document.documentElement.lang") == "en"
-    assert browser.evaluate("[...document.querySelectorAll('[tabindex]')].every(e => e.tabIndex <= 0)")
-    roles = "s => s.getAttribute('role') === (s.querySelector('[tabindex]') ? 'group' : 'img')"
-    assert browser.evaluate(f"[...document.querySelectorAll('svg[class]')].every({roles})")
-
-
-def test_print_shows_the_still_picture_and_no_tools(browser: Browser, runs: Path, tmp_path: Path) -> None:
-    shutil.copy(runs / "loop" / "report.html", tmp_path / "page.html")
-    browser.open(tmp_path / "page.html")
-    shown = "[...document.querySelectorAll('{}')].map(t => getComputedStyle(t).display)"
-    browser.tab("Emulation.setEmulatedMedia", media="print")
-    try:
-        assert set(browser.evaluate(shown.format(".tools, .numbers"))) == {"none"}
-        assert "block" in browser.evaluate(shown.format("svg.plot"))
-    finally:
-        browser.tab("Emulation.setEmulatedMedia", media="")
 
 
 def test_a_tap_reads_values_and_does_not_move_the_figure(loop: Browser) -> None:

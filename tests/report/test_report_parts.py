@@ -17,7 +17,7 @@ from aero_bayes.report.drawing import Line, Panel, band_envelope, column_means, 
 from aero_bayes.report.page import BITS, pack_series
 from aero_bayes.report.pairs import most_correlated
 from aero_bayes.report.svg import Canvas
-from aero_bayes.report.tables import Column, html_table
+from aero_bayes.report.tables import html_table
 from aero_bayes.report.text import duration, pretty_unit, rounded_value, sentence, signed, significant, symbol, tidy
 
 pytestmark = pytest.mark.fast
@@ -124,14 +124,8 @@ def test_significant_digits(given: float | None, shown: str) -> None:
 
 
 def test_tidy_numbers_and_times() -> None:
-    data_table = [tidy(x) for x in (3.1, 1000.0, 251307, 0.0110, 1e-12)]
-    assert data_table == [
-        "3.1",
-        "1000",
-        "251\u202f307",
-        "0.011",
-        "1×10⁻¹²",
-    ]
+    shown = [tidy(x) for x in (3.1, 1000.0, 251307, 0.0110, 1e-12)]
+    assert shown == ["3.1", "1000", "251\u202f307", "0.011", "1×10⁻¹²"]
     assert [duration(x) for x in (0.021, 9.4, 148, 7325)] == ["21 ms", "9.40 s", "2 min 28 s", "2 h 02 min"]
 
 
@@ -159,8 +153,10 @@ def test_symbols_and_code() -> None:
     assert sentence("a ` b") == "a ` b"
 
 
-def test_tables_escape_what_is_not_markup() -> None:
-    table = html_table(("name", Column("size", "right")), [("<b>", 3), ("ok", None)], "a & b", marked=(1,))
+def test_tables_escape_what_is_not_markup_and_numbers_stand_right() -> None:
+    table = html_table(("name", "size", "unit"), [("<b>", "−3.1", "1/s"), ("ok", None, "m")], "a & b", marked=(1,))
+    assert re.findall('<td class="(.*?)">', table) == ["right", "left"] * 2
+    assert html_table(("name",), []) == ""
     assert "&lt;b&gt;" in table
     assert "<b>" not in table
     assert "a &amp; b" in table
@@ -194,8 +190,8 @@ def test_ticks_are_round_and_within_the_ends() -> None:
 def drawn_points(svg: str) -> list[np.ndarray]:
     """The polylines of a drawing's paths, each of shape (n, 2)."""
     pieces = [piece for data in re.findall(r' d="([^"]*)"', svg) for piece in data.split("M") if piece]
-    data_table = [np.array(re.findall(r"-?(?:\d+\.?\d*|\.\d+)", piece), dtype=float) for piece in pieces]
-    return [np.cumsum(steps.reshape(-1, 2), axis=0) for steps in data_table]
+    found = [np.array(re.findall(r"-?(?:\d+\.?\d*|\.\d+)", piece), dtype=float) for piece in pieces]
+    return [np.cumsum(steps.reshape(-1, 2), axis=0) for steps in found]
 
 
 def test_curves_pass_every_point_with_no_more_points_than_needed() -> None:

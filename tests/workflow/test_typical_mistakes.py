@@ -92,7 +92,7 @@ MISTAKES = {
     "no such recording": typed("fit --config rig.toml --data trian.csv", "trian.csv: no such file", "mean train.csv?"),
     "no such configuration": typed("fit --config rig --data train.csv", "rig: no such file; did you mean rig.toml?"),
     "the same recording twice": typed("fit --config rig.toml --data train.csv --data train.csv", "given twice"),
-    "no configuration": typed("fit --data train.csv", "the default model Aero.Systems.OneDof", "--config rig.toml"),
+    "no configuration": typed("fit --data train.csv", "no model", "--config rig.toml"),
     "an FMU that is not there": typed("fit --config rig.toml --model Rig.fmu --data train.csv", "no such file"),
     "a law that is none": Mistake(
         ("coulomb",), "close-loop --config rig.toml --train train.csv --out out --quiet",
@@ -113,7 +113,7 @@ MISTAKES = {
         ("Rig.mo:12: unexpected", "end of line 10"), FIT, {"Rig.mo": ("der(s) = v;", "der(s) = v")},
     ),
     "a page of nothing": Mistake(("out", "result.json"), "report out"),
-    "a recording that no model is named for": Mistake(("default model", "--config rig.toml"), "check train.csv"),
+    "a recording that no model is named for": Mistake(("no model", "--config rig.toml"), "check train.csv"),
 }  # fmt: skip
 
 

@@ -41,7 +41,6 @@ from aero_bayes.commands.loop import (
 )
 from aero_bayes.config import Config, ModelSection, load_config
 from aero_bayes.data.recording import Recording
-from aero_bayes.data.summary import summarise
 from aero_bayes.display import join_names, parameter_lines
 from aero_bayes.errors import CannotFinishError, InputError
 from aero_bayes.estimate.calibrated_model import CalibratedModel
@@ -171,8 +170,7 @@ def run_check(files: Sequence[Path], config_path: Path | None, model_name: str |
     tell_notes(recordings)
     if model is not None:
         check_plausible(recordings, model)
-    summaries = [summarise(recording) for recording in recordings]
-    click.echo("\n\n".join("\n".join(summary.lines) for summary in summaries))
+    click.echo("\n\n".join(str(recording.summary()) for recording in recordings))
 
 
 def fit_job(job: Job, progress: ProgressBar, checkpoint: Checkpoint | None = None, *, again: bool = False) -> Fit:

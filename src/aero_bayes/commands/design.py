@@ -18,7 +18,7 @@ from aero_bayes.commands.loop import fit_settings
 from aero_bayes.config import load_config
 from aero_bayes.errors import InputError
 from aero_bayes.estimate.fit import fit
-from aero_bayes.estimate.information import Limits
+from aero_bayes.estimate.information import Limits, SearchSettings
 from aero_bayes.estimate.propose import (
     Design,
     Proposal,
@@ -29,7 +29,6 @@ from aero_bayes.estimate.propose import (
     separating_experiment,
 )
 from aero_bayes.estimate.result import Fit
-from aero_bayes.estimate.signal_search import SearchSettings
 from aero_bayes.plain import plain
 from aero_bayes.progress import ProgressBar
 from aero_bayes.report.results import Series, merge

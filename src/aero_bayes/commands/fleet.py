@@ -1,154 +1,188 @@
-"""Fit many rigs of one model one by one, then summarise them on one page."""
+"""Many rigs of one model: their table, and the work of fitting them one by one and summarising them on one page."""
 
 from __future__ import annotations
 
-import contextlib
+import csv
 import hashlib
 import math
-import multiprocessing
-import os
-import queue
-import signal
-import threading
+import re
+import tomllib
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping
-from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
-from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
-from dataclasses import dataclass, replace
-from functools import partial
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import Executor
+from contextlib import redirect_stderr, redirect_stdout
+from dataclasses import dataclass, field, replace
 from itertools import chain, islice
-from logging import ERROR
 from pathlib import Path
-from typing import Any, ParamSpec, TypeVar
+from typing import Any, Literal
 
 import numpy as np
 
 from aero_bayes.commands.commands import run_all, run_close_loop, run_fit
-from aero_bayes.commands.fleet_rigs import FleetPlan, Rig, Work, read_fleet
-from aero_bayes.commands.fleet_runner import Progress, Row, Table, failure, run_tasks
+from aero_bayes.commands.fleet_runner import Progress, Row, Table, failure, open_executor, run_tasks
 from aero_bayes.commands.fleet_summary import summarise_fleet
 from aero_bayes.commands.job import RunOptions, fit_parameters, which_model
-from aero_bayes.config import Config
+from aero_bayes.config import Config, Section, read_toml, resolve_paths, validated
 from aero_bayes.errors import CannotFinishError, InputError
 from aero_bayes.estimate.parameters import Parameter
 from aero_bayes.files import write_whole
 from aero_bayes.report.fleet_page import write_fleet_page
 from aero_bayes.report.results import versions, write_json
 from aero_bayes.report.schema_estimate import ParameterJson
-from aero_bayes.report.schema_run import EffectJson, FleetJson, LoopJson, RunJson
+from aero_bayes.report.schema_run import FleetJson, RunJson
 from aero_bayes.simulation.interface import NORMAL_HALF_WIDTH
 from aero_bayes.simulation.load_model import load_model
 from aero_bayes.simulation.model import Model
-from aero_bayes.simulation.worker_main import watch_parent
 
-P = ParamSpec("P")
-T = TypeVar("T")
-#: Tasks after which a process of this machine is replaced, so that what leaks cannot grow.
-TASKS_PER_PROCESS = 50
-#: How long a scheduler is looked for, in s.
-CONNECT_TIMEOUT = 20.0
-#: One core is what one task gets: BLAS threads would fight the other tasks.
-ONE_THREAD = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
-
-
-class LocalPool(Executor):
-    """Processes of this machine, each a pool of its own: one that dies takes no other task with it."""
-
-    def __init__(self, workers: int) -> None:
-        for name in ONE_THREAD:
-            os.environ.setdefault(name, "1")
-        self._threads = ThreadPoolExecutor(workers)
-        self._free: queue.SimpleQueue[ProcessPoolExecutor] = queue.SimpleQueue()
-        for _ in range(workers):
-            self._free.put(_process())
-
-    def submit(self, fn: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> Future[T]:
-        """Run a function in the next process that is free."""
-        return self._threads.submit(self._in_process, partial(fn, *args, **kwargs))
-
-    def _in_process(self, work: Callable[[], T]) -> T:
-        process = self._free.get()
-        try:
-            return process.submit(work).result()
-        except BrokenProcessPool:
-            process = _process()
-            raise
-        finally:
-            self._free.put(process)
-
-    def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        """End the processes once their tasks have ended."""
-        self._threads.shutdown(wait, cancel_futures=cancel_futures)
-        while not self._free.empty():
-            self._free.get().shutdown(wait)
-
-    def kill(self) -> None:
-        """End the processes in the middle of their tasks."""
-        self._threads.shutdown(wait=False, cancel_futures=True)
-        for process in multiprocessing.active_children():
-            process.terminate()
-
-
-def _process() -> ProcessPoolExecutor:
-    """Make a pool of one process, which starts with its first task."""
-    context = multiprocessing.get_context("spawn")
-    return ProcessPoolExecutor(1, context, _begin, (os.getpid(),), max_tasks_per_child=TASKS_PER_PROCESS)
-
-
-def _begin(parent: int) -> None:
-    """Have a new process of the pool end when the parent does, however that ends."""
-    # What Ctrl-C sends reaches every process; only the parent has something to say about it.
-    signal.signal(signal.SIGINT, signal.SIG_DFL)
-    threading.Thread(target=watch_parent, args=(parent,), daemon=True).start()
-
-
-@contextmanager
-def open_executor(dask: str | None = None, workers: int | None = None) -> Iterator[Executor]:
-    """Open this machine's cores, or the workers of a running Dask scheduler."""
-    count = workers or len(os.sched_getaffinity(0))
-    if dask is None:
-        pool = LocalPool(count)
-        try:
-            yield pool
-        except BaseException:
-            pool.kill()
-            raise
-        finally:
-            pool.shutdown(cancel_futures=True)
-        return
-    try:
-        from distributed import Client
-    except ImportError:
-        raise InputError("--dask needs dask.distributed: pip install 'aero-bayes[fleet]'") from None
-    where: dict[str, Any] = {"scheduler_file": dask} if dask.endswith(".json") else {"address": dask}
-    if dask == "local":
-        where = {"n_workers": count, "threads_per_worker": 1, "dashboard_address": None, "silence_logs": ERROR}
-    try:
-        client = Client(**where, timeout=CONNECT_TIMEOUT, set_as_default=False)  # type: ignore[no-untyped-call]
-    except (OSError, TimeoutError, ValueError) as error:
-        raise InputError(f"{dask}: no Dask scheduler answers there ({type(error).__name__})") from None
-    with client:
-        yield client.get_executor()  # type: ignore[no-untyped-call]
-
-
-#: Folder of the rigs' run directories, and what each says while it runs.
-RUNS, LOG = "rigs", "log.txt"
+Work = Literal["fit", "posterior", "loop", "all"]
+#: A rig's name is also the name of its folder.
+NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.+-]{0,99}")
+#: Columns of a table of rigs that are no settings, and what stands between several files in one cell.
+TABLE_COLUMNS, BETWEEN = ("name", "train", "test"), ";"
+#: In the fleet's folder: the rigs' run directories, what each says while it runs, the table, the summary, the models.
+RUNS, LOG, TABLE, FLEET_RESULT, MODELS = "rigs", "log.txt", "rigs.sqlite", "fleet.json", "models"
 #: What a row is, so that rows of an older kind are computed anew.
 KIND = 4
 #: A rig whose likelihood has less than this share of its posterior's precision tells only its prior.
 MIN_LIKELIHOOD_SHARE = 0.05
-_COMMANDS: Mapping[Work, Callable[[Rig, RunOptions], RunJson]] = {
-    "fit": lambda rig, options: run_fit(rig.train, options),
-    "posterior": lambda rig, options: run_fit(rig.train, replace(options, posterior=True)),
-    "loop": lambda rig, options: run_close_loop(rig.train, rig.test, options),
-    "all": lambda rig, options: run_all(rig.train, rig.test, options),
-}
+
+
+class RigSection(Section):
+    """``[[rig]]``: a rig, its recordings, and in ``settings`` whatever it has otherwise than the rest of the file."""
+
+    name: str
+    train: tuple[Path, ...]
+    test: tuple[Path, ...] = ()
+    settings: dict[str, Any] = {}  # noqa: RUF012  (pydantic copies defaults)
+
+
+class FleetSection(Section):
+    """``[fleet]``: the work on each rig, and the file of the table of rigs if it is another one.
+
+    ``work`` is one of the commands: fit, posterior, loop, or all three."""
+
+    work: Work = "fit"
+    rigs: Path | None = None
+
+
+class FleetFile(Section):
+    """What a fleet's file holds beside what any configuration may."""
+
+    fleet: FleetSection = FleetSection()
+    rig: tuple[RigSection, ...] = ()
+
+
+@dataclass(frozen=True)
+class Rig:
+    """One rig.
+
+    Parameters
+    ----------
+    name : str
+        Unique; letters, digits and ``_ . + -``.
+    train, test : tuple of Path
+        Recordings to learn from, and to judge on.
+    settings : mapping
+        Tables of the configuration that are different for this rig, nested as in the file.
+
+    Examples
+    --------
+    >>> rig = aero_bayes.Rig("cart-7", (Path("train.csv"),), settings={"parameters": {"k": {"free": True}}})
+    >>> rig.seed(1) == aero_bayes.Rig("cart-7", (Path("elsewhere.csv"),)).seed(1)
+    True
+    """
+
+    name: str
+    train: tuple[Path, ...]
+    test: tuple[Path, ...] = ()
+    settings: Mapping[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if not NAME.fullmatch(self.name):
+            raise InputError(f"rig {self.name!r}: expected a name of letters, digits and _ . + - the first no sign")
+
+    def seed(self, seed: int) -> int:
+        """Derive the rig's own seed: it depends on its name, not on its place in the table or on who works on it."""
+        return int.from_bytes(hashlib.sha256(f"{seed}/{self.name}".encode()).digest()[:4], "big")
+
+
+@dataclass(frozen=True)
+class FleetPlan:
+    """Settings of all rigs with the folder that paths in them start from, the work, and the rigs."""
+
+    shared: Mapping[str, Any]
+    folder: Path
+    work: Work
+    rigs: Sequence[Rig]
+
+    def config(self, rig: Rig) -> Config:
+        """Merge the settings of one rig. Raises InputError if they name a key or value that does not exist."""
+        document = _overlaid(self.shared, rig.settings)
+        return resolve_paths(validated(Config, document, f"rig {rig.name}"), self.folder)
+
+
+def read_fleet(path: Path) -> FleetPlan:
+    """Read ``fleet.toml``: any configuration, with ``[fleet]`` and the rigs."""
+    document = read_toml(path)
+    own = validated(FleetFile, {key: document.pop(key) for key in ("fleet", "rig") if key in document}, path)
+    validated(Config, document, path)
+    rigs = [Rig(one.name, one.train, one.test, one.settings) for one in own.rig]
+    if own.fleet.rigs is not None:
+        rigs += _read_table(path.parent / own.fleet.rigs)
+    if not rigs:
+        raise InputError(f"{path}: no rigs; expected [[rig]] tables, or [fleet] rigs = a CSV file")
+    return FleetPlan(document, path.parent.resolve(), own.fleet.work, rigs)
+
+
+def _read_table(path: Path) -> list[Rig]:
+    """Read the rigs of a CSV file. Raises InputError that names file and row."""
+    try:
+        with path.open(encoding="utf-8-sig", newline="") as stream:
+            reader = csv.DictReader(stream)
+            if missing := [c for c in TABLE_COLUMNS[:2] if c not in (reader.fieldnames or ())]:
+                raise InputError(f"{path}: no column {missing[0]}; expected {', '.join(TABLE_COLUMNS)}")
+            return [_rig_of_row(row, f"{path}: row {reader.line_num}") for row in reader]
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror})") from None
+    except UnicodeDecodeError:
+        raise InputError(f"{path}: not UTF-8 text") from None
+
+
+def _rig_of_row(row: Mapping[str, str | None], where: str) -> Rig:
+    if None in row:
+        raise InputError(f"{where}: more cells than columns")
+    train, test = (tuple(Path(part.strip()) for part in (row.get(c) or "").split(BETWEEN) if part.strip())
+                   for c in TABLE_COLUMNS[1:])  # fmt: skip
+    settings: dict[str, Any] = {}
+    for key, text in row.items():
+        if key not in TABLE_COLUMNS and text:
+            # parameters."spring.k".value -> its three parts, as TOML would read them
+            *tables, last = [quoted or plain for quoted, plain in re.findall(r'"([^"]*)"|([^".]+)', key)] or [key]
+            table = settings
+            for name in tables:
+                table = table.setdefault(name, {})
+            try:
+                table[last] = tomllib.loads(f"x = {text}")["x"]
+            except tomllib.TOMLDecodeError:
+                table[last] = text  # a word without quotes
+    try:
+        return Rig((row["name"] or "").strip(), train, test, settings)
+    except InputError as error:
+        raise InputError(f"{where}: {error}") from None
+
+
+def _overlaid(below: Mapping[str, Any], above: Mapping[str, Any]) -> dict[str, Any]:
+    """Merge nested tables, the upper ones winning key by key."""
+    merged = dict(below)
+    for key, value in above.items():
+        nested = isinstance(value, Mapping) and isinstance(merged.get(key), Mapping)
+        merged[key] = _overlaid(merged[key], value) if nested else value
+    return merged
 
 
 @dataclass(frozen=True)
 class RigTask:
-    """Everything that a worker needs; the files must be readable on its machine."""
+    """Everything that a worker needs; the files must be readable on its machine. Of a wrong ``config`` it says why."""
 
     rig: Rig
     config: Config | str
@@ -177,12 +211,12 @@ def attempt(task: RigTask) -> Row:
 
     The rig's own core is the only one that it uses. Its simulations run in a process of their own that can be killed.
     """
-    config, folder, fmu = task.config, task.out / RUNS / task.rig.name, task.model
+    rig, config, folder, fmu = task.rig, task.config, task.out / RUNS / task.rig.name, task.model
     if isinstance(config, str):
-        return failure(task.key, config)
+        return failure(rig.name, config)
     assert fmu is not None
     if hashlib.sha256(fmu.read_bytes()).hexdigest() != fmu.stem:
-        return failure(task.key, f"{fmu}: has changed since the fleet was started")
+        return failure(rig.name, f"{fmu}: has changed since the fleet was started")
     built: Path | None = fmu
     if config.model.fmu is not None:
         config, built = config.model_copy(update={"model": config.model.model_copy(update={"fmu": fmu})}), None
@@ -191,22 +225,22 @@ def attempt(task: RigTask) -> Row:
     options = RunOptions(folder, config=config, seed=task.seed, workers=1, quiet=True, built=built, cache=cache)
     folder.mkdir(parents=True, exist_ok=True)
     try:
-        with (
-            (folder / LOG).open("w", encoding="utf-8") as log,
-            contextlib.redirect_stdout(log),
-            contextlib.redirect_stderr(log),
-        ):
-            result = _COMMANDS[task.work](task.rig, options)
+        with (folder / LOG).open("w", encoding="utf-8") as log, redirect_stdout(log), redirect_stderr(log):
+            if task.work in ("fit", "posterior"):
+                result = run_fit(rig.train, replace(options, posterior=task.work == "posterior"))
+            else:
+                result = (run_close_loop if task.work == "loop" else run_all)(rig.train, rig.test, options)
     except (InputError, CannotFinishError) as error:
-        return failure(task.key, str(error))
+        return failure(rig.name, str(error))
     searched = {item.name: item for item in fit_parameters(Model.load(fmu), config)}
-    return _row(task.key, result, searched)
+    return _row(rig.name, result, searched)
 
 
 def _row(name: str, result: RunJson, searched: Mapping[str, Parameter]) -> Row:
     """Make the row of a finished rig: the numbers of its ``result.json`` that the fleet needs."""
     loop, words = result.loop, result.effect_words()
     effects = loop.effects if loop else []
+    equivalent = loop.equivalent if loop else []
     wanted = {*searched, *(key for effect in effects for key in effect.parameters)}
     ratios = [one.ratio for outputs in result.residual.values() for one in outputs.values() if one.ratio is not None]
     return {
@@ -219,12 +253,21 @@ def _row(name: str, result: RunJson, searched: Mapping[str, Parameter]) -> Row:
         },
         "over_floor": max(ratios, default=None),
         "outcome": loop.outcome if loop else "",
-        "effects": [_named(effect, loop, words) for effect in effects] if loop else [],
-    }
+        # each with those that its data cannot tell from it
+        "effects": [
+            {"id": e.id, "summary": words.get(e.id, ""),
+             "alike": [i for i in next((group for group in equivalent if e.id in group), []) if i != e.id]}
+            for e in effects
+        ],
+    }  # fmt: skip
 
 
 def _parameter(entry: ParameterJson, item: Parameter | None) -> dict[str, Any]:
-    stated = {"value": entry.value, "unit": entry.unit}
+    """Return value and unit, and centre and width of the likelihood where the rig determines the parameter.
+
+    The likelihood is a Gaussian posterior over the prior's own curvature: the fleet takes the place of the rig's prior;
+    with both it would be counted once a rig."""
+    stated: dict[str, Any] = {"value": entry.value, "unit": entry.unit}
     low, middle, high = entry.q05, entry.q50, entry.q95
     if low is None or middle is None or high is None or not high > low:
         return stated
@@ -232,32 +275,17 @@ def _parameter(entry: ParameterJson, item: Parameter | None) -> dict[str, Any]:
     log = low > 0.0 and floor is not None and floor >= 0.0
     if log:
         low, middle, high = math.log(low), math.log(middle), math.log(high)
-    likelihood = _without_prior(middle, (high - low) / (2.0 * NORMAL_HALF_WIDTH), item, log=log)
-    return stated | {"log": log, "centre": likelihood[0], "width": likelihood[1]} if likelihood else stated
-
-
-def _without_prior(centre: float, sd: float, item: Parameter | None, *, log: bool) -> tuple[float, float] | None:
-    """Compute centre and width of the likelihood: a Gaussian posterior over the prior's own curvature.
-
-    The fleet takes the place of the rig's prior; with both it would be counted once a rig. None if little is left."""
-    if item is None:
-        return centre, sd
-    value = min(max(math.exp(centre) if log else centre, item.lower), item.upper)
-    first, second = item.prior.derivatives(np.array([value]))
-    slope, bend = float(first[0]), float(second[0])
-    if log:
-        slope, bend = slope * value + 1.0, bend * value**2 + slope * value
-    precision = 1.0 / sd**2 + bend
-    return (centre - slope / precision, precision**-0.5) if precision >= MIN_LIKELIHOOD_SHARE / sd**2 else None
-
-
-def _named(effect: EffectJson, loop: LoopJson, words: Mapping[str, str]) -> dict[str, Any]:
-    """Describe an effect that the loop named, and those that its data cannot tell from it."""
-    alike = next((group for group in loop.equivalent if effect.id in group), [])
-    return {"id": effect.id, "summary": words.get(effect.id, ""), "alike": [i for i in alike if i != effect.id]}
-
-
-TABLE, FLEET_RESULT, MODELS = "rigs.sqlite", "fleet.json", "models"
+    sd = (high - low) / (2.0 * NORMAL_HALF_WIDTH)
+    if item is not None:
+        value = min(max(math.exp(middle) if log else middle, item.lower), item.upper)
+        slope, bend = (float(derivative[0]) for derivative in item.prior.derivatives(np.array([value])))
+        if log:
+            slope, bend = slope * value + 1.0, bend * value**2 + slope * value
+        precision = 1.0 / sd**2 + bend
+        if precision < MIN_LIKELIHOOD_SHARE / sd**2:
+            return stated
+        middle, sd = middle - slope / precision, precision**-0.5
+    return stated | {"log": log, "centre": middle, "width": sd}
 
 
 def fleet(
@@ -330,7 +358,7 @@ def tasks_of(plan: FleetPlan, out: Path, seed: int) -> Iterator[RigTask]:
             raise InputError(f"two rigs are called {name}")
     models: dict[str, Path] = {}
     for number, rig in enumerate(plan.rigs):
-        train, test = (tuple(path.resolve() for path in paths) for paths in (rig.train, rig.test))
+        train, test = (tuple((plan.folder / path).resolve() for path in paths) for paths in (rig.train, rig.test))
         task = RigTask(Rig(rig.name, train, test), "", plan.work, out, rig.seed(seed))
         try:
             config = plan.config(rig)

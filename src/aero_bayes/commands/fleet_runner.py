@@ -4,17 +4,97 @@ from __future__ import annotations
 
 import hashlib
 import json
+import multiprocessing
 import os
 import queue
+import signal
 import socket
 import sqlite3
+import threading
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from concurrent.futures import CancelledError, Executor, Future
+from concurrent.futures import CancelledError, Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
+from functools import partial
+from logging import ERROR
 from pathlib import Path
-from typing import Any, Protocol, Self, TypeVar
+from typing import Any, ParamSpec, Protocol, Self, TypeVar
 
 from aero_bayes.errors import CannotFinishError, InputError
+from aero_bayes.simulation.worker_main import watch_parent
+
+P = ParamSpec("P")
+T = TypeVar("T")
+#: Tasks after which a process of this machine is replaced, so that what leaks cannot grow.
+TASKS_PER_PROCESS = 50
+#: How long a scheduler is looked for, in s.
+CONNECT_TIMEOUT = 20.0
+#: One core is what one task gets: BLAS threads would fight the other tasks.
+ONE_THREAD = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
+
+
+class LocalPool(ThreadPoolExecutor):
+    """Threads of which each has a process of its own: one that dies takes no other task with it."""
+
+    def __init__(self, workers: int) -> None:
+        super().__init__(workers)
+        self._own = threading.local()
+
+    def submit(self, fn: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> Future[T]:
+        """Run a function in the next process that is free."""
+        return super().submit(self._in_process, partial(fn, *args, **kwargs))
+
+    def _in_process(self, work: Callable[[], T]) -> T:
+        process = getattr(self._own, "process", None)
+        if process is None:
+            context = multiprocessing.get_context("spawn")
+            process = ProcessPoolExecutor(1, context, _begin, (os.getpid(),), max_tasks_per_child=TASKS_PER_PROCESS)
+            self._own.process = process
+        try:
+            return process.submit(work).result()
+        except BrokenProcessPool:
+            self._own.process = None
+            raise
+
+
+def _begin(parent: int) -> None:
+    """Have a new process of the pool end when the parent does, however that ends."""
+    # What Ctrl-C sends reaches every process; only the parent has something to say about it.
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+    threading.Thread(target=watch_parent, args=(parent,), daemon=True).start()
+
+
+@contextmanager
+def open_executor(dask: str | None = None, workers: int | None = None) -> Iterator[Executor]:
+    """Open this machine's cores, or the workers of a running Dask scheduler."""
+    count = workers or len(os.sched_getaffinity(0))
+    if dask is None:
+        for name in ONE_THREAD:
+            os.environ.setdefault(name, "1")
+        with LocalPool(count) as pool:
+            try:
+                yield pool
+            except BaseException:
+                pool.shutdown(wait=False, cancel_futures=True)
+                for process in multiprocessing.active_children():  # in the middle of their tasks
+                    process.terminate()
+                raise
+        return
+    try:
+        from distributed import Client
+    except ImportError:
+        raise InputError("--dask needs dask.distributed: pip install 'aero-bayes[fleet]'") from None
+    where: dict[str, Any] = {"scheduler_file": dask} if dask.endswith(".json") else {"address": dask}
+    if dask == "local":
+        where = {"n_workers": count, "threads_per_worker": 1, "dashboard_address": None, "silence_logs": ERROR}
+    try:
+        client = Client(**where, timeout=CONNECT_TIMEOUT, set_as_default=False)  # type: ignore[no-untyped-call]
+    except (OSError, TimeoutError, ValueError) as error:
+        raise InputError(f"{dask}: no Dask scheduler answers there ({type(error).__name__})") from None
+    with client:
+        yield client.get_executor()  # type: ignore[no-untyped-call]
+
 
 Row = dict[str, Any]
 Progress = Callable[[int], None]
@@ -134,7 +214,8 @@ def run_tasks(
                 progress(1)
                 continue
             send(task, made_of)
-            while len(sent) >= MAX_PENDING_TASKS:
+            # What is done is written at once: a caller that is killed while it sends loses nothing that was finished.
+            while len(sent) >= MAX_PENDING_TASKS or not ended.empty():
                 receive()
         while sent:
             receive()

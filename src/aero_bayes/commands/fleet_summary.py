@@ -104,12 +104,10 @@ def _population(sums: FloatArray, spreads: FloatArray) -> Population:
 QUANTILE_LEVELS = np.array([0.05, 0.5, 0.95])
 #: A rig stands out where one so far away is expected once in so many fleets.
 OUTLIER_FLEETS = 100.0
-#: Its residual does where it is structured and so many times the fleet's median.
+#: Its residual does where it is so many times the fleet's median.
 MIN_MEDIAN_RATIO = 3.0
 #: Rigs that a list names.
 MAX_LISTED_RIGS = 100
-#: Why a rig stands out, and how unlikely that is where it is known.
-Reasons = dict[str, list[tuple[str, float | None]]]
 
 
 def summarise_fleet(
@@ -117,51 +115,53 @@ def summarise_fleet(
 ) -> tuple[FleetJson, list[dict[str, Any]]]:
     """Summarise parameters over the rigs, the share of rigs with each effect, and outliers.
 
-    The second are the rows of the fitted rigs; where the fleet's spread is known, each of their parameters has its
-    value in the light of all rigs under ``given_all``."""
+    The second are the rows. Where the fleet's spread is known, each parameter of a rig has its value in the light of
+    all rigs under ``given_all``; a rig that stands out has its ``reasons``, and where it is known how unlikely it is,
+    under ``p_value``. Outliers are first, then rigs that could not be fitted."""
     every, costs = [], []
     for row, cost in table.rows():
         every.append(row)
         costs.append(cost)
-    rows, failures = [row for row in every if "error" not in row], [row for row in every if "error" in row]
-    reasons: Reasons = defaultdict(list)
+    rows, failed = [row for row in every if "error" not in row], [row for row in every if "error" in row]
     names = list(dict.fromkeys(name for row in rows for name in row["parameters"]))
-    parameters = {name: _parameter(name, rows, OUTLIER_FLEETS * len(names), reasons) for name in names}
-    _residuals(rows, reasons)
-    unlikely = {rig: min((p for _, p in why if p is not None), default=None) for rig, why in reasons.items()}
-    order = sorted(reasons, key=lambda rig: (1.0 if (p := unlikely[rig]) is None else p, rig))[:MAX_LISTED_RIGS]
+    parameters = {name: _parameter(name, rows, OUTLIER_FLEETS * len(names)) for name in names}
+    _residuals(rows)
+    odd = sorted((row for row in rows if "reasons" in row), key=lambda row: (row.get("p_value", 1.0), row["key"]))
     result = FleetJson(
         work=work, seed=seed, simulated=any(row["simulated"] for row in rows), versions=dict(versions),
-        rigs=len(every), failed=len(failures),
+        rigs=len(every), failed=len(failed),
         outcomes=dict(Counter(row["outcome"] for row in rows if row["outcome"])),
-        parameters=parameters, effects=_effects(rows), standing_out=len(reasons),
-        stand_out=[RigReasonJson(rig=r, reasons=[text for text, _ in reasons[r]], p_value=unlikely[r]) for r in order],
-        failures=[RigReasonJson(rig=row["key"], reasons=[row["error"]]) for row in failures[:MAX_LISTED_RIGS]],
+        parameters=parameters, effects=_effects(rows), standing_out=len(odd),
+        stand_out=[RigReasonJson(rig=row["key"], reasons=row["reasons"], p_value=row.get("p_value"))
+                   for row in odd[:MAX_LISTED_RIGS]],
+        failures=[RigReasonJson(rig=row["key"], reasons=[row["error"]]) for row in failed[:MAX_LISTED_RIGS]],
         seconds=sum(cost.get("seconds", 0.0) for cost in costs),
         workers=len({cost["worker"] for cost in costs if "worker" in cost}), table_sha256=table.digest(),
     )  # fmt: skip
-    return result.model_copy(update={"verdict": _verdict(result)}), rows
+    others = [row for row in rows if "reasons" not in row]
+    return result.model_copy(update={"verdict": _verdict(result)}), odd + failed + others
 
 
-def _parameter(name: str, rows: Sequence[Row], fleets: float, reasons: Reasons) -> FleetParameterJson:
-    """Summarise one parameter over the fleet; rigs that stand out are added to ``reasons``."""
-    stated = {row["key"]: row["parameters"][name] for row in rows if name in row["parameters"]}
-    told = {rig: entry for rig, entry in stated.items() if "centre" in entry}
-    log = bool(told) and Counter(entry["log"] for entry in told.values()).most_common(1)[0][0]
-    told = {rig: entry for rig, entry in told.items() if entry["log"] == log}
-    shared = FleetParameterJson(unit=next(iter(stated.values()))["unit"], log=log, rigs=len(told))
+def _parameter(name: str, rows: Sequence[Row], fleets: float) -> FleetParameterJson:
+    """Summarise one parameter over the fleet; rows get its value in the light of all rigs, and why they stand out."""
+    stated = [(row, row["parameters"][name]) for row in rows if name in row["parameters"]]
+    unit, told = stated[0][1]["unit"], [(row, entry) for row, entry in stated if "centre" in entry]
+    log = bool(told) and Counter(entry["log"] for _, entry in told).most_common(1)[0][0]
+    told = [(row, entry) for row, entry in told if entry["log"] == log]
+    shared = FleetParameterJson(unit=unit, log=log, rigs=len(told))
     if len(told) < MIN_RIGS:
         return shared
-    centres, widths = (np.array([entry[part] for entry in told.values()]) for part in ("centre", "width"))
+    centres, widths = (np.array([entry[part] for _, entry in told]) for part in ("centre", "width"))
     fleet, out = fit_population(centres, widths), np.exp if log else np.asarray
     middle = float(fleet.mean_quantiles(QUANTILE_LEVELS)[1])
-    for (rig, entry), p, away in zip(told.items(), *stand_out(centres, widths, fleet), strict=True):
+    for (row, entry), p, away in zip(told, *stand_out(centres, widths, fleet), strict=True):
         entry["given_all"] = float(out(fleet.given_all(entry["centre"], entry["width"])[0]))
         if p < 1.0 / (fleets * len(told)):
             off = entry["centre"] - middle
             far = f"{math.exp(off):.3g} times" if log else f"{off:+.3g} from"
             text = f"`{name}` is {far} the typical value of the fleet"
-            reasons[rig].append((f"{text}, {abs(away):.1f} standard deviations from the other rigs", float(p)))
+            row.setdefault("reasons", []).append(f"{text}, {abs(away):.1f} standard deviations from the other rigs")
+            row["p_value"] = min(float(p), row.get("p_value", 1.0))
     return shared.model_copy(
         update={
             "mean": _range(out(fleet.mean_quantiles(QUANTILE_LEVELS))),
@@ -171,14 +171,14 @@ def _parameter(name: str, rows: Sequence[Row], fleets: float, reasons: Reasons) 
     )
 
 
-def _residuals(rows: Sequence[Row], reasons: Reasons) -> None:
+def _residuals(rows: Sequence[Row]) -> None:
     """Note rigs whose residual is far above the fleet's median and above the noise."""
-    known = {row["key"]: row["over_floor"] for row in rows if row["over_floor"] is not None}
-    median = float(np.median([*known.values()])) if known else math.nan
-    for rig, ratio in known.items():
-        if ratio > max(MAX_FLOOR_RATIO, MIN_MEDIAN_RATIO * median):
-            text = f"its residual is {ratio:.3g} times the noise floor (median of the fleet: {median:.3g})"
-            reasons[rig].append((text, None))
+    known = [row for row in rows if row["over_floor"] is not None]
+    median = float(np.median([row["over_floor"] for row in known])) if known else math.nan
+    for row in known:
+        if row["over_floor"] > max(MAX_FLOOR_RATIO, MIN_MEDIAN_RATIO * median):
+            text = f"its residual is {row['over_floor']:.3g} times the noise floor (median of the fleet: {median:.3g})"
+            row.setdefault("reasons", []).append(text)
 
 
 def _effects(rows: Sequence[Row]) -> list[FleetEffectJson]:
@@ -210,20 +210,16 @@ def _range(values: FloatArray) -> RangeJson:
 def _verdict(result: FleetJson) -> VerdictJson:
     """Return the fleet in a few sentences."""
     done = result.rigs - result.failed
-    text = f"{done} of {result.rigs} rigs were fitted" if result.failed else f"All {result.rigs} rigs were fitted"
+    told = [f"{done} of {result.rigs} rigs were fitted" if result.failed else f"All {result.rigs} rigs were fitted"]
     spreads = {name: p.spread.q50 for name, p in result.parameters.items() if p.log and p.spread.q50}
     if spreads:
         widest = max(spreads, key=lambda name: spreads[name] or 0.0)
-        text += f". They differ most in `{widest}` (standard deviation {100.0 * (spreads[widest] or 0.0):.2g} %)"
-    text += "."
-    if result.effects:
-        first = result.effects[0]
-        share = first.share
-        text += f" The model lacks {first.id} in {first.named} of them"
-        if share.q05 is not None and share.q95 is not None:
-            text += f": {100 * share.q05:.0f} to {100 * share.q95:.0f} % of the fleet"
-        text += "."
+        told.append(f"They differ most in `{widest}` (standard deviation {100.0 * (spreads[widest] or 0.0):.2g} %)")
+    for first in result.effects[:1]:
+        low, high = first.share.q05, first.share.q95
+        share = f": {100 * low:.0f} to {100 * high:.0f} % of the fleet" if low is not None and high is not None else ""
+        told.append(f"The model lacks {first.id} in {first.named} of them{share}")
     if result.standing_out:
-        text += f" {result.standing_out} {'is an outlier' if result.standing_out == 1 else 'are outliers'}."
+        told.append(f"{result.standing_out} {'is an outlier' if result.standing_out == 1 else 'are outliers'}")
     level: Level = "bad" if done < 0.5 * result.rigs else "warning" if result.failed or result.standing_out else "good"
-    return VerdictJson(level=level, text=text)
+    return VerdictJson(level=level, text=". ".join(told) + ".")

@@ -17,7 +17,7 @@ from aero_bayes.arrays import FloatArray
 from aero_bayes.commands.job import columns_of, layout_of, tell_notes, without_units
 from aero_bayes.config import Config
 from aero_bayes.data.read import column_names, read_recordings
-from aero_bayes.data.table import clocks_of, is_time_name
+from aero_bayes.data.source import clocks_of, is_time_name
 from aero_bayes.display import join_names
 from aero_bayes.errors import InputError
 from aero_bayes.estimate.calibration import calibrate

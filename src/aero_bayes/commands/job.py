@@ -156,7 +156,9 @@ def which_model(config: Config, options: RunOptions) -> tuple[str, Path | None]:
             raise InputError(f"{options.config}: [model] units are those of an FMU; a Modelica class declares its own")
         if name is None:
             where = f"{options.config}: [model] names no model" if options.config else "no model"
-            raise InputError(f"{where}; name one by --model, or in a configuration (aero-bayes init writes one)")
+            near = [f"--config {p}" for p in sorted(Path().glob("*.toml")) if p.name != "pyproject.toml"][:3]
+            ways = " or ".join(["--model", *near]) if near else "--model, or in a file that aero-bayes init writes"
+            raise InputError(f"{where}; name one by {ways}")
         return name, None
     if name is not None:
         raise InputError(f"{options.config}: [model] names both a class and an FMU; give one of them")

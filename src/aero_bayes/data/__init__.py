@@ -7,7 +7,6 @@ from aero_bayes.data.noise import noise_floor, noise_floors, output_noise_floor,
 from aero_bayes.data.read import read_recording, read_recordings, write_csv
 from aero_bayes.data.recording import Recording, to_experiment
 from aero_bayes.data.screen import screen, screen_all
-from aero_bayes.data.summary import summarise
 from aero_bayes.declared import ColumnSpec
 
 __all__ = [
@@ -25,7 +24,6 @@ __all__ = [
     "read_recordings",
     "screen",
     "screen_all",
-    "summarise",
     "to_experiment",
     "write_csv",
 ]

@@ -48,7 +48,7 @@ def numbers_in(column: pandas.Series, place: Place, name: str) -> FloatArray:
     import pandas
 
     if column.dtype.kind in "biuf":
-        return np.asarray(column.to_numpy(), dtype=np.float64)
+        return numbers(column, name)
     if column.dtype.kind in "mM":
         raise InputError(f"{place(0)}, column {name}: holds dates or durations, expected numbers")
     cells = column.astype(object).map(_plain_cell)
@@ -77,15 +77,14 @@ def times_in(column: pandas.Series, place: Place, name: str) -> tuple[FloatArray
     """Convert cells to times in s, and what was taken off them: times of day over midnight, dates from the first one.
 
     A date without a zone is taken for universal time, which knows no hour twice."""
-    if column.dtype.kind in "biuf":
-        return np.asarray(column.to_numpy(), dtype=np.float64), 0.0
-    if column.dtype.kind in "mM":
+    if column.dtype.kind in "biufmM":
         return instants(column)
     text = [str(cell).strip(' "\t') for cell in column]
     clocks = [CLOCKS.fullmatch(cell) for cell in text]
     if all(clocks):
         parts = np.array([[float(p.replace(",", ".")) for p in c.groups()] for c in clocks if c])
-        return _after_midnight(parts @ (3600.0, 60.0, 1.0)), 0.0
+        time = parts @ (3600.0, 60.0, 1.0)
+        return time + DAY * np.concatenate(([0.0], np.cumsum(np.diff(time) < -0.5 * DAY))), 0.0  # over midnight
     if (":" not in text[0] and not re.fullmatch(DATE, text[0])) or isinstance(column.iloc[0], int | float):
         return numbers_in(column, place, name), 0.0
     for row, cell in enumerate(text):
@@ -101,19 +100,17 @@ def _dates_in(text: list[str], place: Place, name: str) -> tuple[FloatArray, flo
 
     plain = pandas.Series(text).str.replace(r"(?<=\d),(?=\d)", ".", regex=True)
     plain = plain.str.replace(r"[T ,]+(?=\d\d?:)", " ", regex=True).str.replace(r" ?([AaPp][Mm])", r" \1", regex=True)
-    first, rest = text[0].partition(" ")[0], {"utc": True, "errors": "coerce"}
-    if re.match(r"\d{4}-", first):
-        read = [pandas.to_datetime(plain, format="ISO8601", **rest)]
-    elif "/" in first and not re.match(r"\d{4}/", first):
-        read = [pandas.to_datetime(plain, format="mixed", dayfirst=day, **rest) for day in (False, True)]
-        read = read[:1] if re.search("[AaPp][Mm]", text[0]) else read
-        read.sort(key=lambda dates: (dates.isna().any(), dates.diff().abs().max()))
-    else:
-        read = [pandas.to_datetime(plain, format="mixed", dayfirst=not re.match(r"\d{4}/", first), **rest)]
-    if read[0].isna().any():
-        row = int(np.argmax(read[0].isna()))
+    year_first, slashes = re.match(r"\d{4}", text[0]), "/" in text[0].partition(" ")[0]
+    orders = [not year_first]
+    if slashes and not year_first:
+        orders = [False] if re.search("[AaPp][Mm]", text[0]) else [False, True]
+    form = "mixed" if slashes or not year_first else "ISO8601"
+    read = [pandas.to_datetime(plain, format=form, dayfirst=day, utc=True, errors="coerce") for day in orders]
+    best = min(read, key=lambda dates: (dates.isna().any(), dates.diff().abs().max()))
+    if best.isna().any():
+        row = int(np.argmax(best.isna()))
         raise InputError(f"{place(row)}, column {name}: {text[row]!r} is no date")
-    return instants(read[0])
+    return instants(best)
 
 
 def seconds(times: Any) -> FloatArray:
@@ -131,22 +128,23 @@ def instants(times: Any) -> tuple[FloatArray, float]:
     given = pandas.Series(times.array if hasattr(times, "array") else times)
     if isinstance(given.dtype, pandas.PeriodDtype):
         given = given.dt.to_timestamp()
-    if given.dtype == object and len(given) and not isinstance(given.iloc[0], int | float | np.number):
-        text = {"format": "ISO8601"} if isinstance(given.iloc[0], str) else {}
+    first = given.iloc[0] if len(given) else 0.0
+    if given.dtype == object and not isinstance(first, int | float | np.number):
         try:
-            if hasattr(given.iloc[0], "total_seconds"):
+            if hasattr(first, "total_seconds"):
                 given = pandas.Series(pandas.to_timedelta(given))
             else:  # text with several offsets is compared by the instants that it names
-                given = pandas.Series(pandas.to_datetime(given, utc=True, **text))
+                form = "ISO8601" if isinstance(first, str) else None
+                given = pandas.Series(pandas.to_datetime(given, utc=True, format=form))
         except (ValueError, TypeError, OverflowError):
-            return numbers(given, "time"), 0.0
+            pass  # refused below
     origin = 0.0
     if given.dtype.kind == "M":
         origin = given.iloc[0].timestamp()
         given = given - given.iloc[0]
     if given.dtype.kind == "m":
-        return np.asarray(given / pandas.Timedelta(seconds=1), dtype=np.float64), origin
-    return numbers(given, "time"), 0.0
+        given = given / pandas.Timedelta(seconds=1)
+    return numbers(given, "time"), origin
 
 
 def numbers(values: Any, where: str, name: str = "time") -> FloatArray:
@@ -177,8 +175,3 @@ def plain_seconds(time: FloatArray) -> tuple[FloatArray, float]:
         if whole and not short:
             return np.asarray(np.round((time - time[0]) * DAY, 3)), float(time[0] * DAY)
     return time, 0.0
-
-
-def _after_midnight(time: FloatArray) -> FloatArray:
-    """Let times of day go on over midnight."""
-    return time + DAY * np.concatenate(([0.0], np.cumsum(np.diff(time) < -0.5 * DAY)))

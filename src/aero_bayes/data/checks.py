@@ -29,49 +29,38 @@ def check_recording(recording: Recording, layout: Layout | None = None, where: R
         raise InputError(f"{name}: {recording.rows} samples, expected at least {MIN_SAMPLES}")
     _check_time(name, recording.time, place)
     for column, values in recording.inputs.items():
-        _check_input(name, column, values, place)
+        bad = ~np.isfinite(values)
+        if bad.any():
+            first, end = runs(bad)[0]
+            block = f" ({end - first} in a row)" if end - first > 1 else ""
+            raise InputError(f"{name}, {place(first)}, column {column}: missing or not finite{block}, expected a value "
+                             "in every row of an input")  # fmt: skip
     for column, values in recording.outputs.items():
-        _check_output(name, column, values, place)
+        infinite, readings = np.isinf(values), int(np.isfinite(values).sum())
+        if infinite.any():
+            row = int(np.argmax(infinite))
+            raise InputError(f"{name}, {place(row)}, column {column}: is infinite, expected a finite reading")
+        if readings < MIN_SAMPLES:
+            raise InputError(f"{name}, column {column}: {readings} readings in {values.size} rows, expected at least "
+                             f"{MIN_SAMPLES} (leave the column out if it was not measured)")  # fmt: skip
     if layout is not None:
         _check_rate(name, recording, layout)
         _check_sizes(name, recording, layout, place)
 
 
 def _check_time(name: str, time: FloatArray, place: RowName) -> None:
-    bad = np.flatnonzero(~np.isfinite(time))
-    if bad.size:
-        raise InputError(f"{name}, {place(bad[0])}, column time: is missing or not finite, expected seconds")
-    step = np.diff(time)
-    bad = np.flatnonzero(step <= 0.0)
-    if bad.size:
-        row = int(bad[0]) + 1
-        verb = "repeats" if step[bad[0]] == 0.0 else "runs backwards"
+    bad = ~np.isfinite(time)
+    if bad.any():
+        raise InputError(
+            f"{name}, {place(int(np.argmax(bad)))}, column time: is missing or not finite, expected seconds"
+        )
+    still = np.diff(time) <= 0.0
+    if still.any():
+        row = int(np.argmax(still)) + 1
+        verb = "repeats" if time[row] == time[row - 1] else "runs backwards"
         raise InputError(
             f"{name}, {place(row)}, column time: {verb} ({time[row]:.9g} after {time[row - 1]:.9g}), "
             "expected strictly increasing seconds (of several runs in one table, name their column: [data] batch)"
-        )
-
-
-def _check_input(name: str, column: str, values: FloatArray, place: RowName) -> None:
-    bad = ~np.isfinite(values)
-    if bad.any():
-        first, end = runs(bad)[0]
-        block = f" ({end - first} in a row)" if end - first > 1 else ""
-        raise InputError(
-            f"{name}, {place(first)}, column {column}: missing or not finite{block}, expected a value in every row of "
-            "an input"
-        )
-
-
-def _check_output(name: str, column: str, values: FloatArray, place: RowName) -> None:
-    bad = np.flatnonzero(np.isinf(values))
-    if bad.size:
-        raise InputError(f"{name}, {place(int(bad[0]))}, column {column}: is infinite, expected a finite reading")
-    readings = int(np.isfinite(values).sum())
-    if readings < MIN_SAMPLES:
-        raise InputError(
-            f"{name}, column {column}: {readings} readings in {values.size} rows, expected at least {MIN_SAMPLES} "
-            "(leave the column out if it was not measured)"
         )
 
 

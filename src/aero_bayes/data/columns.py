@@ -139,14 +139,15 @@ class ColumnMap:
 
     def convert(self, values: FloatArray, column: str, expected: str) -> FloatArray:
         """Convert raw values to the unit ``expected``, or to SI if empty. InputError for another dimension."""
-        converted = self._converted(values, column, expected)
-        return unwrapped(converted, expected) if self.unwrap else converted
-
-    def _converted(self, values: FloatArray, column: str, expected: str) -> FloatArray:
         values = (values + self.offset) * self.scale
-        if self.unit is None:
-            return values
-        unit, turns = self.unit, 1.0
+        if self.unit is not None:
+            factor, offset = self._to_unit(self.unit, column, expected)
+            values = values * factor + offset
+        return unwrapped(values, expected) if self.unwrap else values
+
+    def _to_unit(self, unit: str, column: str, expected: str) -> tuple[float, float]:
+        """Return factor and offset of the conversion from a unit."""
+        turns = 1.0
         if unit in ("count", "count/s"):
             if not self.counts_per_revolution or self.counts_per_revolution <= 0.0:
                 raise InputError(f"column {column}: unit {unit} needs counts_per_revolution, e.g. 2048")
@@ -159,7 +160,7 @@ class ColumnMap:
                 hint = f"; did you mean {meant}?" if meant else f", expected one like {expected or 'rad/s'}"
                 raise InputError(f"column {column}: unknown unit {unit!r}{hint}")
             raise InputError(f"column {column}: unit {self.unit} cannot become {expected or 'SI'}")
-        return values * (turns * found[0]) + found[1]
+        return turns * found[0], found[1]
 
 
 @dataclass(frozen=True)

@@ -7,6 +7,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
+import numpy as np
+
 from aero_bayes.data.cells import is_value
 from aero_bayes.errors import InputError
 from aero_bayes.modelica.units import TEMPERATURES, base_units, to_modelica_unit, unit_written_out
@@ -48,14 +50,8 @@ def told_numbers(numbers: Sequence[float], unit: str = "") -> str:
 
 def runs_of(rows: Sequence[int]) -> str:
     """Write row numbers in a sentence, successive ones as a range: ``3, 7 to 9``."""
-    parts: list[str] = []
-    ranges: list[tuple[int, int]] = []
-    for row in rows:
-        if ranges and row == ranges[-1][1] + 1:
-            ranges[-1] = ranges[-1][0], row
-        else:
-            ranges.append((row, row))
-    parts = [f"{first}" if first == last else f"{first} to {last}" for first, last in ranges[:MOST_TOLD]]
+    ranges = np.split(np.asarray(rows), np.flatnonzero(np.diff(rows) != 1) + 1)
+    parts = [f"{own[0]}" if own.size == 1 else f"{own[0]} to {own[-1]}" for own in ranges[:MOST_TOLD]]
     more = len(ranges) - MOST_TOLD
     return ", ".join(parts) + (f" and {more} more" if more > 0 else "")
 
@@ -102,9 +98,10 @@ class Found:
     def note(self, file: str, below: Sequence[int]) -> str:
         """Tell which rows above and below (from 0) are not read; empty if all are."""
         rows = [r + 1 for r in (*self.skipped, *below)]
+        if not rows:
+            return ""
         which = f"rows {runs_of(rows)} are" if len(rows) > 1 else f"row {runs_of(rows)} is"
-        told = f"{file}: the names stand in row {self.header[0] + 1}; {which} not read"
-        return told if rows else ""
+        return f"{file}: the names stand in row {self.header[0] + 1}; {which} not read"
 
 
 def longest_run(rows: Rows) -> Run:

@@ -1,59 +1,62 @@
-"""Logs of measuring systems: MDF 4 (``.mf4``, of dSPACE, Vector, ETAS), TDMS and ``.lvm`` of LabVIEW.
+"""Logs: MDF 4 (``.mf4``, of dSPACE, Vector, ETAS), TDMS and ``.lvm`` of LabVIEW; and tables of Modelica.
 
 A signal with a unit is called ``v [km/h]``, in TDMS behind its group where two groups have one of its name. Each signal
-has its own times; those of one recording are brought to common ones.
+has its own times; those of one recording are brought to common ones. A table of Modelica, as ``CombiTimeTable`` reads
+it, begins with ``#1``; its matrix ``tab`` of m columns becomes ``tab(1)`` ... ``tab(m)``, the first being the time.
+Where a time is there twice, the table jumps, and the later row holds.
 """
 
 from __future__ import annotations
 
 import io
+import re
 from collections import Counter
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from aero_bayes.arrays import FloatArray
 from aero_bayes.data.cells import seconds
-from aero_bayes.data.signals import Signals
-from aero_bayes.data.table import is_time_name, missing_extra
+from aero_bayes.data.source import Source, is_time_name
+from aero_bayes.data.tables import missing_extra
 from aero_bayes.errors import InputError
 
-MDF, TDMS, LABVIEW = (b"MDF     ", b"UnFinMF "), b"TDSm", b"LabVIEW Measurement"
+#: Group, name, unit, times and values.
+Signal = tuple[str, str, str, FloatArray, FloatArray]
 #: Units that say nothing.
 NO_UNITS = ("", "-", "1", "none")
+MATRIX = re.compile(r"\s*(?:double|float)\s+(\w+)\s*\(\s*(\d+)\s*,\s*(\d+)\s*\)\s*(?:#.*)?")
+#: What ends a comment in a line of Modelica's tables, and what separates numbers.
+COMMENT, SEPARATORS = re.compile(r"(#|//|/\*).*"), re.compile(r"[\s,;]+")
 
 
-def is_one(path: Path) -> bool:
-    """Return whether a file is one of these, by its first bytes."""
+def log_source(path: Path) -> Source | None:
+    """Return all signals with their times; None for a file that is no log, by its first bytes.
+
+    InputError for a log that cannot be read, or whose reader is not installed."""
     with path.open("rb") as file:
-        head = file.read(24).lstrip(b"\xef\xbb\xbf")
-    return head.startswith((*MDF, TDMS, LABVIEW))
+        head = file.read(64).removeprefix(b"\xef\xbb\xbf")
+    forms = ((rb"MDF     |UnFinMF ", _mdf, "mdf"), (rb"TDSm", _tdms, "tdms"),
+             (rb"LabVIEW Measurement", _lvm, ""), (rb"#1\s*\n", _modelica_table, ""))  # fmt: skip
+    for begin, read, extra in forms:
+        if not re.match(begin, head):
+            continue
+        try:
+            return read(path)
+        except ImportError:
+            raise missing_extra(path, extra) from None
+        except InputError:
+            raise
+        except Exception as error:
+            reason = f"{error}".partition("\n")[0] or type(error).__name__
+            raise InputError(f"{path}: cannot be read: {reason}") from None
+    return None
 
 
-def signals_in(path: Path, memory: int | None = None) -> Signals:
-    """Return all signals with their times.
-
-    InputError for a file that cannot be read, or whose reader is not installed."""
-    with path.open("rb") as file:
-        head = file.read(8)
-    kind, extra = (_mdf, "mdf") if head in MDF else (_tdms, "tdms") if head.startswith(TDMS) else (_lvm, "")
-    try:
-        found = kind(path)
-    except ImportError:
-        raise missing_extra(path, extra) from None
-    except InputError:
-        raise
-    except Exception as error:
-        reason = f"{error}".partition("\n")[0] or type(error).__name__
-        raise InputError(f"{path}: cannot be read: {reason}") from None
+def _named(path: Path, found: list[Signal]) -> Source:
+    """Make signals of (group, name, unit, times, values); times are called ``time``, or by their group."""
     if not found:
         raise InputError(f"{path}: holds no signal over time")
-    return _named(found)
-
-
-def _named(found: list[tuple[str, str, str, FloatArray, FloatArray]]) -> Signals:
-    """Make signals of (group, name, unit, times, values); times are called ``time``, or by their group."""
     count = Counter(name for _, name, *_ in found)
     vectors: dict[str, FloatArray] = {}
     clocks: dict[str, str] = {}
@@ -66,35 +69,26 @@ def _named(found: list[tuple[str, str, str, FloatArray, FloatArray]]) -> Signals
             clock = f"time of {called}"
         vectors |= {clock: times, called: values}
         clocks[called] = clock
-    return Signals(vectors, clocks)
+    return Source.of_vectors(path, vectors, clocks)
 
 
-def _mdf(path: Path) -> list[tuple[str, str, str, FloatArray, FloatArray]]:
+def _mdf(path: Path) -> Source:
     from asammdf import MDF as File
 
     found = []
     with File(path) as file:
-        for index, group in enumerate(file.virtual_groups):
-            for signal in file.select([(None, g, c) for g, c in _channels(file, group)]):
+        times_of = set(file.masters_db.items())
+        for index, group in enumerate(file.virtual_groups.values()):
+            channels = [(g, c) for g in group.groups for c in range(len(file.groups[g].channels))]
+            for signal in file.select([(None, g, c) for g, c in channels if (g, c) not in times_of]):
                 values = np.asarray(signal.samples)
                 if values.dtype.kind in "biuf" and values.ndim == 1 and values.size > 1:
                     times = np.asarray(signal.timestamps, dtype=float)
                     found.append((f"group {index + 1}", signal.name, signal.unit or "", times, values.astype(float)))
-    return found
+    return _named(path, found)
 
 
-def _channels(file: Any, group: int) -> list[tuple[int, int]]:
-    """Group and number of each channel that is not a time."""
-    masters = set(file.masters_db.items())
-    return [
-        (g, c)
-        for g in file.virtual_groups[group].groups
-        for c in range(len(file.groups[g].channels))
-        if (g, c) not in masters
-    ]
-
-
-def _tdms(path: Path) -> list[tuple[str, str, str, FloatArray, FloatArray]]:
+def _tdms(path: Path) -> Source:
     from nptdms import TdmsFile
 
     found = []
@@ -116,10 +110,10 @@ def _tdms(path: Path) -> list[tuple[str, str, str, FloatArray, FloatArray]]:
                 )
             unit = str(channel.properties.get("unit_string", ""))
             found.append((group.name, channel.name, unit, times, values.astype(float)))
-    return found
+    return _named(path, found)
 
 
-def _lvm(path: Path) -> list[tuple[str, str, str, FloatArray, FloatArray]]:
+def _lvm(path: Path) -> Source:
     """Return one segment of a ``.lvm``; times are a column for all signals, one for each, or steps from ``X0``."""
     import pandas
 
@@ -143,18 +137,38 @@ def _lvm(path: Path) -> list[tuple[str, str, str, FloatArray, FloatArray]]:
             time = frame[column].to_numpy(dtype=float) if frame[column].notna().any() else None
         elif name.casefold() != "comment" and frame[column].notna().sum() > 1:
             values = frame[column].to_numpy(dtype=float)
-            own = time if time is not None else _steps(about, number, values.size, decimal)
+            if time is not None:
+                own = time
+            else:
+                first, step = (float(about[key][number].replace(decimal, ".")) for key in ("X0", "Delta_X"))
+                own = first + step * np.arange(values.size)
             known = np.isfinite(own)
             unit = units[number] if number < len(units) else ""
             found.append((f"channel {number + 1}", name, unit, own[known], values[known]))
             number += 1
-    return found
+    return _named(path, found)
 
 
-def _steps(about: dict[str, list[str]], number: int, size: int, decimal: str) -> FloatArray:
-    """Compute the times of a channel without a column of times."""
-
-    def value(key: str) -> float:
-        return float(about[key][number].replace(decimal, "."))
-
-    return np.asarray(value("X0") + value("Delta_X") * np.arange(size))
+def _modelica_table(path: Path) -> Source:
+    """Return the columns of all matrices; InputError for one that has not the size that it states."""
+    lines = path.read_text(encoding="utf-8-sig", errors="replace").splitlines()
+    vectors: dict[str, FloatArray] = {}
+    clocks: dict[str, str] = {}
+    starts = [(k, found) for k, line in enumerate(lines) if (found := MATRIX.fullmatch(line))]
+    for (start, found), end in zip(starts, [*(k for k, _ in starts[1:]), len(lines)], strict=True):
+        name, rows, columns = found[1], int(found[2]), int(found[3])
+        words = SEPARATORS.split(" ".join(COMMENT.sub("", line) for line in lines[start + 1 : end]).strip())
+        try:
+            numbers = np.array([float(word) for word in words[: rows * columns]]).reshape(rows, columns)
+        except ValueError:
+            raise InputError(
+                f"{path}, row {start + 1}: matrix {name} of {rows} rows and {columns} columns: found {len(words)} "
+                f"numbers and words, expected {rows * columns} numbers"
+            ) from None
+        called = [f"{name}({k + 1})" for k in range(columns)]
+        last = np.append(np.diff(numbers[:, 0]) != 0.0, True)
+        vectors |= dict(zip(called, np.ascontiguousarray(numbers[last].T), strict=True))
+        clocks |= dict.fromkeys(called[1:], called[0])
+    if not vectors:
+        raise InputError(f"{path}: begins as a table of Modelica (#1) but has no matrix such as double tab(10,3)")
+    return Source.of_vectors(path, vectors, clocks)

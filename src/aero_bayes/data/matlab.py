@@ -25,21 +25,18 @@ objects, which the package mat-io reads (``aero-bayes[matlab]``).
 from __future__ import annotations
 
 import importlib.util
-import json
 import os
+import pickle
 import subprocess
 import sys
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from aero_bayes.data import matlab_process
-from aero_bayes.data.matlab_process import HDF5
-from aero_bayes.data.signals import Signals
-from aero_bayes.data.text_table import free_memory
+from aero_bayes.data.matlab_process import HDF5, FloatArray
+from aero_bayes.data.source import MAP_COLUMNS, Source
+from aero_bayes.data.tables import free_memory
 from aero_bayes.errors import InputError
 
 #: Seconds that reading may take, and for each MiB of the file; the readers can be made to run for ever.
@@ -48,31 +45,29 @@ READ_TIME_LIMIT, READ_TIME_PER_MIB = 30.0, 0.5
 INTERPRETER_BYTES = 2 << 30
 
 
-def is_one(path: Path) -> bool:
-    """Return whether a file's content is MATLAB's; its name matters for version 4 only, which has no mark."""
-    with path.open("rb") as file:
-        head = file.read(7)
-    binary = not head.isascii() or b"\0" in head
-    return head == b"MATLAB " or _is_hdf5(path) or (path.suffix.lower() == ".mat" and binary)
+def matlab_source(path: Path) -> Source | None:
+    """Return the vectors of the file, and in the hint what of it cannot be read; None if its content is not MATLAB's.
 
-
-def _is_hdf5(path: Path) -> bool:
+    Its name matters for version 4 only, which has no mark."""
     with path.open("rb") as file:
         head = file.read(520)
-    return HDF5 in (head[:8], head[512:])
-
-
-def signals_in(path: Path, memory: int | None = None) -> Signals:
-    """Return the vectors of the file, and in the hint what of it cannot be read."""
-    size, free = path.stat().st_size, memory if memory is not None else free_memory()
+    is_hdf5, binary = HDF5 in (head[:8], head[512:]), not head[:7].isascii() or b"\0" in head[:7]
+    if not (head.startswith(b"MATLAB ") or is_hdf5 or (path.suffix.lower() == ".mat" and binary)):
+        return None
+    size, free = path.stat().st_size, free_memory()
     # Read, flattened and converted: three copies; compressed files are seldom more than twice their size.
     if 6 * size > free:
         raise InputError(
             f"{path}: {size / 2**20:,.1f} MiB need about {6 * size / 2**20:,.0f} MiB of memory, "
             f"{free / 2**20:,.0f} MiB are free: write it as CSV, thin it, or run on a larger machine"
         )
-    signals, opaque = _read(path, free)
-    return replace(signals, hint=f"; {_not_read(opaque)}") if opaque else signals
+    if is_hdf5 and importlib.util.find_spec("h5py") is None:
+        raise InputError(f"{path}: is a MATLAB 7.3 file, which needs h5py: pip install h5py (or save it with -v7)")
+    answer = _read(path, free)
+    vectors: dict[str, FloatArray] = answer["vectors"]
+    clocks = dict.fromkeys(list(vectors)[1:], "time") if answer["result"] else _clocks(list(vectors))
+    hint = f"; {_not_read(answer['opaque'])}" if answer["opaque"] else MAP_COLUMNS
+    return Source.of_vectors(path, vectors, clocks, hint)
 
 
 def _not_read(opaque: Sequence[str]) -> str:
@@ -99,10 +94,8 @@ def _clocks(names: Sequence[str]) -> dict[str, str]:
     return clocks
 
 
-def _read(path: Path, memory: int) -> tuple[Signals, list[str]]:
-    """Return the file's vectors and the names of what cannot be read, by a process that a damaged file may crash."""
-    if _is_hdf5(path) and importlib.util.find_spec("h5py") is None:
-        raise InputError(f"{path}: is a MATLAB 7.3 file, which needs h5py: pip install h5py (or save it with -v7)")
+def _read(path: Path, memory: int) -> dict[str, Any]:
+    """Return what :mod:`matlab_process` answers, which a damaged file may crash."""
     # -P: files beside the reader are no modules
     command = [sys.executable, "-P", matlab_process.__file__, str(path), str(memory + INTERPRETER_BYTES)]
     limit = READ_TIME_LIMIT + READ_TIME_PER_MIB * path.stat().st_size / 2**20
@@ -112,12 +105,9 @@ def _read(path: Path, memory: int) -> tuple[Signals, list[str]]:
         )
     except subprocess.TimeoutExpired:
         raise InputError(f"{path}: not a readable MATLAB file (not read within {limit:.0f} s)") from None
-    line, _, data = done.stdout.partition(b"\n")
-    answer: dict[str, Any] = json.loads(line) if done.returncode == 0 else {"error": "damaged: its reader crashed"}
+    answer: dict[str, Any] = {"error": "damaged: its reader crashed"}
+    if done.returncode == 0:
+        answer = pickle.loads(done.stdout)
     if "error" in answer:
         raise InputError(f"{path}: not a readable MATLAB file ({answer['error']})")
-    sizes: dict[str, int] = answer["sizes"]
-    parts = np.split(np.frombuffer(data), np.cumsum(list(sizes.values()))[:-1]) if sizes else []
-    vectors = dict(zip(sizes, parts, strict=True))
-    clocks = dict.fromkeys(list(vectors)[1:], "time") if answer["result"] else _clocks(list(vectors))
-    return Signals(vectors, clocks), list(answer["opaque"])
+    return answer

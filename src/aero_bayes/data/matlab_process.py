@@ -1,13 +1,13 @@
 """Run by :mod:`aero_bayes.data.matlab` in a process of its own: reads a MATLAB file and writes its vectors to stdout.
 
 SciPy's and HDF5's readers are compiled code, which a damaged file can crash or make ask for any amount of memory.
-Started as ``python matlab_process.py FILE MEMORY`` (bytes). It answers with a line of JSON, then all vectors as
-doubles.
+Started as ``python matlab_process.py FILE MEMORY`` (bytes). It answers with a pickled dictionary: vectors by name, the
+names of what cannot be read, whether it is a result of a simulation; or the error.
 """
 
 from __future__ import annotations
 
-import json
+import pickle
 import sys
 import warnings
 from collections.abc import Mapping
@@ -29,27 +29,22 @@ def main(path: Path, memory: int) -> None:
 
         resource.setrlimit(resource.RLIMIT_AS, (memory, memory))
         resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
-    vectors: dict[str, FloatArray] = {}
-    opaque: list[str] = []
     try:
+        opaque: list[str] = []
         variables = _variables(path, opaque)
+        vectors: dict[str, FloatArray] = {}
         result = {"dataInfo", "name", "data_2"} <= set(variables)
         if result:
             vectors = _trajectories(variables)
         else:
             for name, value in variables.items():
                 _flatten(name, value, vectors)
-        sizes = {n: v.size for n, v in vectors.items()}
-        answer: dict[str, Any] = {"sizes": sizes, "opaque": opaque, "result": result}
+        answer: dict[str, Any] = {"vectors": vectors, "opaque": opaque, "result": result}
     except MemoryError:
         answer = {"error": "needs more memory than is free"}
     except Exception as error:
         answer = {"error": f"{error}".partition("\n")[0] or type(error).__name__}
-    out = sys.stdout.buffer
-    out.write(json.dumps(answer).encode() + b"\n")
-    for vector in vectors.values() if "sizes" in answer else ():
-        out.write(vector.data)
-    out.flush()
+    pickle.dump(answer, sys.stdout.buffer)
 
 
 def _variables(path: Path, opaque: list[str]) -> dict[str, Any]:

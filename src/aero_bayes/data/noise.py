@@ -1,13 +1,13 @@
 """The noise floor of an output, estimated from its readings without a model.
 
-The variance of differences of readings (:mod:`aero_bayes.data.differences`) separates white noise, whose variance does
-not depend on the lag, from signals, whose variance grows with the lag. The floor is known if
+The variance of differences of readings separates white noise, whose variance does not depend on the lag, from signals,
+whose variance grows with the lag. The floor is known if
 
-- by this growth, at least half of the variance of neighbouring readings is noise, - differences of two successive
-orders (third and fourth, else fourth and fifth) agree, which they do not for a vibration,
-  or a signal that is not smooth between two samples,
+- by this growth, at least half of the variance of neighbouring readings is noise,
+- differences of two successive orders (third and fourth, else fourth and fifth) agree, which they do not for a
+  vibration, or a signal that is not smooth between two samples,
 - and the inputs do not predict the differences: an output that follows an input which changes at every sample looks
-white.
+  white.
 
 Otherwise the floor is unknown, and the differences give only an upper bound. Feedback of the readings to an input also
 makes inputs predict the differences, so that the floor is unknown. A signal that is as fast as the sampling, and whose
@@ -243,51 +243,50 @@ MIN_DIFFERENCES = 36
 
 @dataclass(frozen=True)
 class NoiseFloor:
-    """Noise of one output."""
+    """Noise of one output: its standard deviation (None if unknown) and a bound, the step of quantised readings.
+
+    ``slow`` is the part that is correlated over ``slow_time`` s, ``white`` the rest."""
 
     sd: float | None
     at_most: float
-    white: float
-    slow: float
-    slow_time: float
-    correlation: float
     quantum: float | None
-    readings: int
+    white: float = 0.0
+    slow: float = 0.0
+    slow_time: float = 0.0
 
 
 def noise_floor(values: FloatArray, time: FloatArray, inputs: Sequence[FloatArray] = ()) -> NoiseFloor:
     """Estimate the noise of readings."""
-    quantum, readings = quantisation_step(values), int(np.isfinite(values).sum())
+    quantum = quantisation_step(values)
     least = 0.0 if quantum is None else quantum / math.sqrt(12.0)
-    found = _noise(Differences(values, time, inputs))
-    if found is None:
-        found = float(np.nanstd(values)) if readings else 0.0
-    if not isinstance(found, NoiseVariances) and found > least:
-        return NoiseFloor(None, found, 0.0, 0.0, 0.0, 0.0, quantum, readings)
-    total = math.sqrt(found.white + found.slow) if isinstance(found, NoiseVariances) else least
-    if not isinstance(found, NoiseVariances) or total <= least or found.slow == 0.0:
+    found, most = _noise(Differences(values, time, inputs))
+    if found is None and most > least:
+        return NoiseFloor(None, most, quantum)
+    total = math.sqrt(found.white + found.slow) if found is not None else least
+    if found is None or total <= least or found.slow == 0.0:
         total = max(total, least)
-        return NoiseFloor(total, total, total, 0.0, 0.0, 0.0, quantum, readings)
-    shared = found.slow * math.exp(-1.0 / found.memory) / total**2
+        return NoiseFloor(total, total, quantum, total)
     memory = found.memory * float(np.median(np.diff(time)))
-    return NoiseFloor(total, total, math.sqrt(found.white), math.sqrt(found.slow), memory, shared, quantum, readings)
+    return NoiseFloor(total, total, quantum, math.sqrt(found.white), math.sqrt(found.slow), memory)
 
 
-def _noise(differences: Differences) -> NoiseVariances | float | None:
-    """Return the noise if it is known, else an upper bound; None without differences."""
+def _noise(differences: Differences) -> tuple[NoiseVariances | None, float]:
+    """Return the noise if it is known, and an upper bound of its standard deviation."""
     lower: NoiseVariances | None = None
-    most: float | None = None
+    most = math.inf
     for order in DIFFERENCE_ORDERS:
         found = differences.noise_variances(order)
         if found is None:
             break
-        most = min(math.sqrt(found.whole), most if most is not None else math.inf)
+        most = min(math.sqrt(found.whole), most)
         if found.whole == 0.0:
-            return found
+            return found, most
         if lower is not None and _agree(lower, found):
-            return lower if differences.explained(order - 1) <= MAX_EXPLAINED_SHARE else most
+            return (lower if differences.explained(order - 1) <= MAX_EXPLAINED_SHARE else None), most
         lower = found
-    return most
+    if lower is None:
+        most = float(np.nanstd(differences.values)) if np.isfinite(differences.values).any() else 0.0
+    return None, most
 
 
 def _agree(one: NoiseVariances, other: NoiseVariances) -> bool:

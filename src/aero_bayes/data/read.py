@@ -14,16 +14,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aero_bayes.arrays import FloatArray
-from aero_bayes.data import logs, matlab, modelica_table
 from aero_bayes.data.cells import plain_seconds
 from aero_bayes.data.checks import MIN_SAMPLES, check_recording
-from aero_bayes.data.clock import with_steady_clock
 from aero_bayes.data.columns import ColumnMap, Layout
+from aero_bayes.data.logs import log_source
+from aero_bayes.data.matlab import matlab_source
 from aero_bayes.data.recording import Recording
-from aero_bayes.data.screen import hide
-from aero_bayes.data.signals import Columns, Request, Signals, column_called, joined, pick_signals, without_repeats
-from aero_bayes.data.table import FrameTable, TableFile, is_table, read_table, row_names
-from aero_bayes.data.text_table import TextTable
+from aero_bayes.data.screen import hide, with_steady_clock
+from aero_bayes.data.source import Columns, Source, column_called, joined, read_columns, without_repeats
+from aero_bayes.data.tables import frame_source, text_source
 from aero_bayes.errors import InputError
 from aero_bayes.files import whole_file
 from aero_bayes.unknown_names import known_names_hint, no_such_file
@@ -33,15 +32,12 @@ if TYPE_CHECKING:
 
 #: Suffixes of the files of a folder that are looked at.
 SUFFIXES = (".csv", ".txt", ".dat", ".tsv", ".mat", ".xlsx", ".parquet", ".feather", ".mf4", ".tdms", ".lvm")
-#: Whether a file is of a form of named vectors, and what reads them.
-SIGNAL_FILES = tuple((form.is_one, form.signals_in) for form in (matlab, logs, modelica_table))
 
 
-def read_columns(path: Path, request: Request) -> Columns:
-    """Return the columns that a recording asks for, whatever the form of the file."""
+def open_source(path: Path) -> Source:
+    """Open a file of any form, which its content tells."""
     try:
-        signals = _signals(path, request.memory)
-        return read_table(_table(path), request) if signals is None else pick_signals(path, signals, request)
+        return matlab_source(path) or log_source(path) or frame_source(path) or text_source(path)
     except PermissionError:
         raise InputError(f"{path}: may not be read (permission denied)") from None
 
@@ -55,19 +51,10 @@ def column_names(path: Path) -> list[str]:
     """Return names of the columns or signals of a file, or of all files of a folder."""
     if path.is_dir():
         return list(dict.fromkeys(name for file in data_files(path) for name in column_names(file)))
-    signals = _signals(path)
-    if signals is not None and not signals.vectors:
-        raise InputError(f"{path}: holds no signal over time{signals.hint}")
-    return row_names(_table(path)) if signals is None else list(signals.vectors)
-
-
-def _signals(path: Path, memory: int | None = None) -> Signals | None:
-    """Return the vectors of a file that holds named vectors; None for a table."""
-    return next((signals_in(path, memory) for is_one, signals_in in SIGNAL_FILES if is_one(path)), None)
-
-
-def _table(path: Path) -> TableFile:
-    return FrameTable(path) if is_table(path) else TextTable(path)
+    source = open_source(path)
+    if not source.names:
+        raise InputError(f"{path}: holds no signal over time{source.hint}")
+    return source.signal_names()
 
 
 #: How late after the first one's start a run in a table may start, as a share of the length of the one above it.
@@ -83,7 +70,6 @@ def read_recording(
     units: Mapping[str, str] | None = None,
     model: Model | None = None,
     layout: Layout | None = None,
-    memory: int | None = None,
 ) -> Recording:
     """Read and check a recording.
 
@@ -104,8 +90,6 @@ def read_recording(
     model : Model, optional
     layout : Layout, optional
         In place of these, with bounds of plausible values and inputs that are constant.
-    memory : int, optional
-        Bytes that may be used; what is free by default.
 
     Returns
     -------
@@ -124,11 +108,9 @@ def read_recording(
     """
     if layout is None and model is None and outputs is None:
         raise InputError(f"{path}: name inputs and outputs, or give the model whose they are")
-    layout = layout or Layout.of(inputs, outputs, units, model=model)
-    asked = _Asked(layout, dict(columns or {}), memory=memory)
-    files = [Path(path)] if isinstance(path, str | Path) else [Path(p) for p in path]
-    name, parts = asked.run(files)
-    return asked.recording(name, parts, asked.joined(parts) if len(parts) > 1 else asked.read(parts[0]))
+    asked = _Asked(layout or Layout.of(inputs, outputs, units, model=model), dict(columns or {}))
+    name, parts = asked.run([Path(path)] if isinstance(path, str | Path) else [Path(p) for p in path])
+    return asked.recording(name, parts, asked.read(parts))
 
 
 def read_recordings(
@@ -137,43 +119,17 @@ def read_recordings(
     *,
     layout: Layout,
     batch: str | None = None,
-    memory: int | None = None,
 ) -> tuple[Recording, ...]:
-    """Read several recordings, of which one may stand in several files, and several in one.
+    """Read several recordings as :func:`read_recording` does; one may stand in several files, and several in one.
 
-    Parameters
-    ----------
-    paths : sequence of path
-        A file or a folder for each run. Files that have all signals only together are one run.
-    columns, memory
-        As for :func:`read_recording`.
-    layout : Layout
-        The signals.
-    batch : str, optional
-        The column of a table that names the run of each row. Without it a table whose time runs back to its start
-        holds several runs. They are called by the file and the batch, ``"runs 3"``.
-
-    Returns
-    -------
-    tuple of Recording
-
-    Raises
-    ------
-    InputError
-        As :func:`read_recording`; and for files that may belong together in more than one way.
-
-    Examples
-    --------
-    >>> from aero_bayes.data import read_recordings
-    >>> layout = Layout.of(["F"], ["position"])
-    >>> [recording.name for recording in read_recordings(["train.csv"], layout=layout)]
-    ['train']
-    """
-    asked = _Asked(layout, dict(columns or {}), batch, memory)
+    Each path is a file or a folder of a run; files that have all signals only together are one run. ``batch`` is the
+    column of a table that names the run of each row; without it a table whose time runs back to its start holds several
+    runs. They are called by the file and the batch, ``"runs 3"``."""
+    asked = _Asked(layout, dict(columns or {}), batch)
     found: list[Recording] = []
     for files in asked.runs([Path(p) for p in paths]):
         name, parts = asked.run(files)
-        given = asked.joined(parts) if len(parts) > 1 else asked.read(parts[0])
+        given = asked.read(parts)
         batches = _batches(given, batch if len(parts) == 1 else None)
         short = [label for label, rows in batches.items() if label and rows.size < MIN_SAMPLES]
         for label, rows in batches.items():
@@ -181,9 +137,12 @@ def read_recordings(
                 continue
             own = _at_rows(given, rows) if label else given
             found.append(asked.recording(f"{name} {label}" if label else name, parts, own))
-        told = [f"{name}: the time runs back to its start {len(batches) - 1} times; each part is a recording, {name} 1 "
-                "and so on"] if len(batches) > 1 and batch is None else []  # fmt: skip
-        told += [f"{name}: {', '.join(short)} with fewer than {MIN_SAMPLES} rows are left out"] if short else []
+        told = []
+        if len(batches) > 1 and batch is None:
+            parted = f"the time runs back to its start {len(batches) - 1} times; each part is a recording"
+            told.append(f"{name}: {parted}, {name} 1 and so on")
+        if short:
+            told.append(f"{name}: {', '.join(short)} with fewer than {MIN_SAMPLES} rows are left out")
         if told and found:
             found[-1] = replace(found[-1], notes=(*found[-1].notes, *told))
     return tuple(found)
@@ -214,7 +173,6 @@ class _Asked:
     layout: Layout
     maps: dict[str, ColumnMap]
     batch: str | None = None
-    memory: int | None = None
 
     def __post_init__(self) -> None:
         for column in self.maps:
@@ -267,35 +225,33 @@ class _Asked:
         for file in files:
             if not file.exists():
                 raise InputError(no_such_file(file))
-        if len(files) > 1:
+        if len(files) > 1 or not files[0].is_dir():
             return "+".join(file.stem for file in files), list(files)
-        if not files[0].is_dir():
-            return files[0].stem, list(files)
         parts = [p for p in data_files(files[0]) if self.signals_in(p)]
         if not parts:
             wanted = ", ".join([*self.held, *self.outputs])
             raise InputError(f"{files[0]}: is a folder in which no file has a column of {wanted}")
         return files[0].name, parts
 
-    def read(self, file: Path) -> Columns:
-        """Read all columns from a file, in their own units; the time in seconds where no unit is given."""
-        wanted = ["time", *self.held, *(name for name in self.outputs if name in self.maps)]
-        optional = [name for name in self.outputs if name not in self.maps]
-        given = self._columns(file, wanted, optional)
+    def read(self, files: Sequence[Path]) -> Columns:
+        """Read all columns of a run, in their own units; the time in seconds where no unit is given."""
+        if len(files) > 1:
+            return self._joined(files)
+        given = self._columns(files[0], [*self.held, *self.outputs], [*self.held, *self.maps], self.batch)
         if not any(name in given.columns for name in self.outputs):
             missing = ", ".join(self.sources[name] for name in self.outputs)
-            there = known_names_hint(self.sources[self.outputs[0]] if self.outputs else "", column_names(file))
-            raise InputError(f"{file}: no output column, expected at least one of {missing}{there}")
+            there = known_names_hint(self.sources[self.outputs[0]] if self.outputs else "", column_names(files[0]))
+            raise InputError(f"{files[0]}: no output column, expected at least one of {missing}{there}")
         return given
 
-    def joined(self, files: Sequence[Path]) -> Columns:
+    def _joined(self, files: Sequence[Path]) -> Columns:
         """Read each signal from the file that has it, at the times of all."""
         pairs: dict[str, tuple[FloatArray, FloatArray]] = {}
         named: dict[str, str] = {}
         notes, sums, begin = [], [], None
         for file in files:
             own = self.signals_in(file)
-            given = replace(self, batch=None)._columns(file, ["time", *own], [])
+            given = self._columns(file, own, own)
             begin = given.origin if begin is None else begin
             time = given.columns["time"] + (given.origin - begin)
             for name in own:
@@ -318,11 +274,15 @@ class _Asked:
         sha256 = hashlib.sha256("".join(sums).encode()).hexdigest()
         return Columns(joined(pairs, self.held), sha256, named, note="joined on time: " + "; ".join(notes))
 
-    def _columns(self, file: Path, wanted: Sequence[str], optional: Sequence[str]) -> Columns:
+    def _columns(self, file: Path, names: Sequence[str], wanted: Sequence[str], batch: str | None = None) -> Columns:
+        """Read the time and some columns, of which the file must have those that are ``wanted``."""
         if not file.is_file():
             raise InputError(f"{file}: is not a file")
-        request = Request(self.sources, wanted, optional, self.held, self.memory, self.batch)
-        given = _after_events(read_columns(file, request), [name for name in self.held if name in wanted])
+        asked = {name: self.sources[name] for name in ("time", *names)}
+        given = read_columns(open_source(file), asked, ["time", *wanted], self.held, batch)
+        # without the rows that a simulator writes a second time at an event
+        keep = without_repeats(given.columns, [name for name in self.held if name in given.columns])
+        given = given if keep.all() else replace(_at_rows(given, np.flatnonzero(keep)), first_row=given.first_row)
         if self.maps.get("time", ColumnMap("time")).unit is None:
             given.columns["time"], origin = plain_seconds(given.columns["time"])
             given = replace(given, origin=given.origin + origin)
@@ -369,12 +329,6 @@ def _at_rows(given: Columns, rows: NDArray[np.intp]) -> Columns:
         line=lambda row: given.line(int(rows[row])),
         first_row=given.first_row + int(rows[0]),
     )
-
-
-def _after_events(given: Columns, held: Sequence[str]) -> Columns:
-    """Return the rows without those that a simulator writes a second time at an event."""
-    keep = without_repeats(given.columns, held)
-    return given if keep.all() else replace(_at_rows(given, np.flatnonzero(keep)), first_row=given.first_row)
 
 
 def write_csv(recording: Recording, path: Path | str) -> Path:

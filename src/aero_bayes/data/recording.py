@@ -27,6 +27,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+    from aero_bayes.data.summary import RecordingSummary
+
 
 @dataclass(frozen=True, eq=False)
 class Recording:
@@ -76,8 +78,6 @@ class Recording:
     (1400, 601, 500)
     >>> int(np.isfinite(recording.without(after=30.0).outputs["position"]).sum())
     1500
-    >>> int(np.isfinite(recording.thin(4).outputs["position"]).sum())
-    501
     >>> recording.rows_where(recording.time >= 20.0, "late").rows
     1001
     >>> sorted(recording.to_dict())
@@ -150,7 +150,7 @@ class Recording:
         >>> aero_bayes.Recording.from_frame(frame, inputs="F", outputs="position", name="train")
         <Recording train: F -> position; 2001 rows, 40 s at 50 Hz>
         """
-        from aero_bayes.data.clock import with_steady_clock
+        from aero_bayes.data.screen import with_steady_clock
 
         if not hasattr(frame, "columns"):
             raise InputError(f"frame: expected a data frame of pandas, got {type(frame).__name__}")
@@ -224,17 +224,8 @@ class Recording:
 
         Hold a part back from a fit.
         """
-        hidden = self.time >= after
-        outputs = {name: np.where(hidden, np.nan, values) for name, values in self.outputs.items()}
+        outputs = {name: np.where(self.time >= after, np.nan, values) for name, values in self.outputs.items()}
         return replace(self, name=f"{self.name} (outputs to {after:g} s)", outputs=outputs, sha256="")
-
-    def thin(self, every: int) -> Recording:
-        """Return every ``every``-th output reading; the others become gaps, so that the input keeps its jumps."""
-        if every < 1:
-            raise InputError(f"{self.name}: cannot keep every {every}th reading, expected 1 or more")
-        hidden = np.arange(self.rows) % every != 0
-        outputs = {name: np.where(hidden, np.nan, values) for name, values in self.outputs.items()}
-        return replace(self, name=f"{self.name} (1 in {every})", outputs=outputs, sha256="")
 
     @describe_figure_parameters
     def plot(self, *, ax: Axes | None = None, figure: Figure | None = None, dark: bool = False) -> Figure:
@@ -251,6 +242,25 @@ class Recording:
         2
         """
         return drawn("plots.run_figure", self, figure=ax or figure, dark=dark)
+
+    def summary(self) -> RecordingSummary:
+        """Look the recording over; no model is involved.
+
+        Returns
+        -------
+        RecordingSummary
+            Sampling, ranges, resolution and noise of each column, in SI units.
+
+        Examples
+        --------
+        >>> print(recording.summary())
+        train.csv: 2,001 rows, 40 s at 50 Hz, even
+          F: -3.93 to 4.67, 16 levels, 16 jumps, 7% of the time at its largest size
+          position: -0.1042 to 0.1357, noise 0.0003
+        """
+        from aero_bayes.data.summary import summary_of
+
+        return summary_of(self)
 
     def to_frame(self) -> pandas.DataFrame:
         """Return every column by time (s), in SI units.
@@ -307,6 +317,8 @@ def _hash_arrays(recording: Recording) -> str:
 
 #: How long before the first sample the earlier input value is placed, in s: longer than any input delay.
 INPUT_LEAD_TIME = 1.0
+#: Share of its largest value within which a signal is at rest.
+SHARE_AT_REST = 0.02
 
 
 def to_experiment(
@@ -320,7 +332,8 @@ def to_experiment(
 ) -> Experiment:
     """Return the experiment that a simulator runs. Held inputs are reduced to the samples at which they change."""
     names = tuple(outputs) if outputs is not None else tuple(recording.outputs)
-    known = _input_before_start(recording, zero_at_rest) | dict(before or {})
+    at_rest = bool(zero_at_rest) and _was_at_rest(recording, zero_at_rest or ())
+    known = {name: 0.0 for name in recording.inputs if at_rest} | dict(before or {})
     linear = set(recording.inputs) if interpolation == "linear" else set()
     if not isinstance(interpolation, str):
         linear = {name for name, how in interpolation.items() if how == "linear"}
@@ -351,22 +364,11 @@ def _hold_signal(name: str, time: FloatArray, values: FloatArray, before: float 
     return InputSignal(name, np.ascontiguousarray(grid), np.ascontiguousarray(levels), "hold")
 
 
-def _input_before_start(
-    recording: Recording, zero_at_rest: Sequence[str] | None = None, share: float = 0.02
-) -> dict[str, float]:
-    """Return the value of each input before the first sample: zero if the rig was at rest, else its first value.
+def _was_at_rest(recording: Recording, zero_at_rest: Sequence[str]) -> bool:
+    """Return whether the rig rested before the first sample, when its inputs were zero.
 
-    The first recorded output among ``zero_at_rest`` decides. If it begins at nearly zero (``share`` of its largest
-    value), the rig was at rest. If none of them was recorded, the rig counts as at rest."""
-    moving = not zero_at_rest
-    for name in zero_at_rest or ():
-        if name in recording.outputs:
-            values = recording.outputs[name]
-            seen = np.abs(values[np.isfinite(values)])
-            first = np.abs(values[: min(3, values.size)])
-            first = first[np.isfinite(first)]
-            moving = bool(seen.size and first.size and first.min() > share * seen.max())
-            break
-    if moving:
-        return {name: float(values[0]) for name, values in recording.inputs.items()}
-    return {name: 0.0 for name in recording.inputs}
+    The first recorded output among ``zero_at_rest`` decides: it rested if that begins at nearly zero. If none of them
+    was recorded, the rig counts as at rest."""
+    values = next((recording.outputs[name] for name in zero_at_rest if name in recording.outputs), np.empty(0))
+    seen, first = (np.abs(part[np.isfinite(part)]) for part in (values, values[:3]))
+    return not (first.size and first.min() > SHARE_AT_REST * seen.max())

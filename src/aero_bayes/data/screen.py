@@ -12,8 +12,10 @@ import numpy as np
 from aero_bayes.arrays import FloatArray
 from aero_bayes.data.columns import (
     MAD_TO_SD,
+    MAX_PARTS,
     MIN_PART_ROWS,
     Mask,
+    Rows,
     after_changes,
     gap_rows,
     noise_size,
@@ -244,25 +246,32 @@ def screen_all(recordings: Sequence[Recording]) -> tuple[Recording, ...]:
     return tuple(part for recording in recordings for part in screen(recording))
 
 
-def hide(recording: Recording, output: str, rows: Mask, kind: FindingKind, what: str, done: str = "") -> Recording:
+def hide(
+    recording: Recording, output: str, rows: Mask, kind: FindingKind, what: str, done: str = "They are not fitted."
+) -> Recording:
     """Return the recording without some readings of an output, and with a finding that says so."""
-    values = np.where(rows, np.nan, recording.outputs[output])
-    finding = DataFinding(
-        kind, recording.name, output, what, where(recording, rows), done or "They are not fitted.", True
-    )
-    return replace(recording, outputs={**recording.outputs, output: values}, findings=(*recording.findings, finding))
+    outputs = {**recording.outputs, output: np.where(rows, np.nan, recording.outputs[output])}
+    return _told(replace(recording, outputs=outputs), kind, output, what, _where(recording, rows), done)
 
 
-def where(recording: Recording, rows: Mask) -> str:
+def _told(
+    recording: Recording, kind: FindingKind, signal: str, what: str, where: str, done: str, mended: bool = True
+) -> Recording:
+    """Return the recording with a finding more."""
+    source = recording.path.name if recording.path is not None else recording.name
+    finding = DataFinding(kind, recording.name, signal, what, f"{source}{where}", done, mended)
+    return replace(recording, findings=(*recording.findings, finding))
+
+
+def _where(recording: Recording, rows: Mask) -> str:
     """Write times and rows in a sentence."""
     at = np.flatnonzero(rows)
-    numbers = runs_of((at + recording.first_row).tolist())
-    return f"{_source(recording)}: at {told_numbers(recording.time[at].tolist(), 's')}; rows {numbers}"
+    return f": at {told_numbers(recording.time[at].tolist(), 's')}; rows {_numbers(recording, at)}"
 
 
-def _source(recording: Recording) -> str:
-    """Return the file, or the name of arrays."""
-    return recording.path.name if recording.path is not None else recording.name
+def _numbers(recording: Recording, rows: Rows) -> str:
+    """Write the numbers of rows in the file."""
+    return runs_of((rows + recording.first_row).tolist())
 
 
 def _with_possible_inputs(recording: Recording) -> Recording:
@@ -271,17 +280,11 @@ def _with_possible_inputs(recording: Recording) -> Recording:
         for constant, rows in impossible_inputs(values).items():
             kept = np.flatnonzero(~rows)
             before = kept[np.clip(np.searchsorted(kept, np.arange(values.size), side="right") - 1, 0, None)]
-            unit = recording.units.get(name, "")
-            what = with_unit(f"{int(rows.sum())} values of the input {name} are exactly {constant:.7g}", unit)
-            finding = DataFinding(
-                "sentinel", recording.name, name, f"{what}, which is impossible.", where(recording, rows),
-                "The value before is held there.", True,
-            )  # fmt: skip
-            recording = replace(
-                recording,
-                inputs={**recording.inputs, name: values[before]},
-                findings=(*recording.findings, finding),
-            )
+            what = f"{int(rows.sum())} values of the input {name} are exactly {constant:.7g}"
+            what = f"{with_unit(what, recording.units.get(name, ''))}, which is impossible."
+            recording = replace(recording, inputs={**recording.inputs, name: values[before]})
+            done = "The value before is held there."
+            recording = _told(recording, "sentinel", name, what, _where(recording, rows), done)
     return recording
 
 
@@ -308,20 +311,18 @@ def _with_told(recording: Recording, name: str, unit: str) -> Recording:
 
     An angle that wraps, a channel that never moves."""
     values = recording.outputs[name]
-    told = {(f.kind, f.signal) for f in recording.findings}
+    known = {(f.kind, f.signal) for f in recording.findings}
     rows = np.zeros(recording.rows, dtype=bool)
     rows[wrapped_rows(values, unit)] = True
-    if rows.any() and ("wrapped", name) not in told:
+    if rows.any() and ("wrapped", name) not in known:
         what = f"{name} jumps by a whole turn {int(rows.sum())} times: the sensor counts modulo one turn."
         done = f"Unwrap it by [data.columns.{name}] unwrap = true."
-        finding = DataFinding("wrapped", recording.name, name, what, where(recording, rows), done, False)
-        recording = replace(recording, findings=(*recording.findings, finding))
+        recording = _told(recording, "wrapped", name, what, _where(recording, rows), done, mended=False)
     seen = values[np.isfinite(values)]
     moves = any(np.ptp(given) > 0.0 for given in recording.inputs.values())
-    if seen.size >= MIN_PART_ROWS and np.ptp(seen) == 0.0 and moves and ("stuck", name) not in told:
+    if seen.size >= MIN_PART_ROWS and np.ptp(seen) == 0.0 and moves and ("stuck", name) not in known:
         what = f"{name} reads {seen[0]:.7g} throughout: its sensor is stuck, or its column holds something else."
-        finding = DataFinding("stuck", recording.name, name, what, _source(recording), "Leave the column out.", False)
-        recording = replace(recording, findings=(*recording.findings, finding))
+        recording = _told(recording, "stuck", name, what, "", "Leave the column out.", mended=False)
     return recording
 
 
@@ -329,28 +330,52 @@ def _parts(recording: Recording) -> tuple[Recording, ...]:
     """Return the recording cut at its gaps; parts of a few samples are left out."""
     gaps = gap_rows(recording.time, recording.inputs)
     rows = np.union1d(gaps, np.array(recording.cuts, dtype=np.intp))
-    if rows.size == 0:
-        return (recording,)
-    edges = [0, *rows.tolist(), recording.rows]
-    spans = [(a, b) for a, b in pairwise(edges) if b - a >= MIN_PART_ROWS]
-    if not spans:
+    spans = [(a, b) for a, b in pairwise([0, *rows.tolist(), recording.rows]) if b - a >= MIN_PART_ROWS]
+    if rows.size == 0 or not spans:
         return (recording,)
     lost = recording.rows - sum(b - a for a, b in spans)
     left = f" {lost} samples in parts of fewer than {MIN_PART_ROWS} are left out." if lost else ""
-    findings = recording.findings
+    whole = recording
     if gaps.size:
         times = ", ".join(f"{recording.time[r - 1]:.6g} s to {recording.time[r]:.6g} s" for r in gaps)
-        gap = DataFinding(
-            "gap", recording.name, "", f"The logger has no sample from {times}; the inputs are not known there.",
-            f"{_source(recording)}: before rows {runs_of((gaps + recording.first_row).tolist())}",
-            f"Each part begins anew with its own initial state.{left}", True,
-        )  # fmt: skip
-        findings = (*findings, gap)
+        what = f"The logger has no sample from {times}; the inputs are not known there."
+        done = f"Each part begins anew with its own initial state.{left}"
+        whole = _told(recording, "gap", "", what, f": before rows {_numbers(recording, gaps)}", done)
     found = []
     for k, (a, b) in enumerate(spans):
         keep = np.zeros(recording.rows, dtype=bool)
         keep[a:b] = True
-        name = f"{recording.name} (part {k + 1})" if len(spans) > 1 else recording.name
-        part = recording.rows_where(keep, name)
-        found.append(replace(part, findings=findings, resumes=a > 0, part_of=recording.name, cuts=()))
+        part = whole.rows_where(keep, f"{recording.name} (part {k + 1})" if len(spans) > 1 else recording.name)
+        found.append(replace(part, resumes=a > 0, part_of=recording.name, cuts=()))
     return tuple(found)
+
+
+def with_steady_clock(recording: Recording) -> Recording:
+    """Return the recording with the time after each step back of its clock moved behind the time before it.
+
+    How long the step took is not known, so that what follows it is marked as a part that begins anew. A clock that
+    steps back so often that its parts are short is left to be refused."""
+    rows = _steps_back(recording.time)
+    if rows.size == 0:
+        return recording
+    usual = float(np.median(np.diff(recording.time)))
+    time, told = recording.time.copy(), []
+    for row in rows.tolist():
+        told.append(f"from {recording.time[row - 1]:.9g} s to {recording.time[row]:.9g} s")
+        time[row:] += time[row - 1] + usual - time[row]
+    steady = replace(recording, time=time, cuts=tuple(sorted({*recording.cuts, *rows.tolist()})))
+    done = "What follows is a part that begins anew with its own initial state; times go on from the one before."
+    what = f"The clock steps back {', '.join(told)}."
+    return _told(steady, "clock", "", what, f": rows {_numbers(recording, rows)}", done)
+
+
+def _steps_back(time: FloatArray) -> Rows:
+    """Find the first rows after a step back of the clock, where all parts between them are long enough for a fit."""
+    none = np.empty(0, dtype=np.intp)
+    if not np.isfinite(time).all() or time.size < 2 * MIN_PART_ROWS:
+        return none
+    rows = np.flatnonzero(np.diff(time) < 0.0) + 1
+    if any(row + 1 < time.size and time[row + 1] > time[row - 1] for row in rows.tolist()):
+        return none  # one wrong number: the clock goes on as before
+    lengths = np.diff(np.concatenate(([0], rows, [time.size])))
+    return rows if rows.size < MAX_PARTS and lengths.min() >= MIN_PART_ROWS else none

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from aero_bayes.arrays import FloatArray
+from aero_bayes.estimate.delays import settle_blind
 from aero_bayes.estimate.global_search import GlobalSearch, GlobalSearchResult
 from aero_bayes.estimate.identifiability import Identifiability, Status, assess
 from aero_bayes.estimate.laplace import Laplace, curvature_adjustment, noise_covariance, widened_covariance
@@ -17,7 +18,6 @@ from aero_bayes.estimate.objective import Evaluation, Objective
 from aero_bayes.estimate.other_tools import structure_warnings
 from aero_bayes.estimate.parameters import ParameterSet
 from aero_bayes.estimate.result import Fit
-from aero_bayes.estimate.step_parameters import settle_blind
 from aero_bayes.estimate.target import NoiseLayout
 from aero_bayes.simulation.interface import NORMAL_HALF_WIDTH, Outcome
 

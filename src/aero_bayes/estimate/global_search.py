@@ -16,7 +16,14 @@ from aero_bayes.arrays import FloatArray
 from aero_bayes.checkpoint import Arrays, pack, unpack
 from aero_bayes.errors import CannotFinishError
 from aero_bayes.estimate import swarm as pso
-from aero_bayes.estimate.delays import better_delays, delay_columns, scan_delays, with_few_samples, with_loose_solver
+from aero_bayes.estimate.delays import (
+    better_delays,
+    delay_columns,
+    other_plateaus,
+    scan_delays,
+    with_few_samples,
+    with_loose_solver,
+)
 from aero_bayes.estimate.laplace import with_robust_covariance
 from aero_bayes.estimate.levenberg_marquardt import FitSettings, Stage, stages_by_effect
 from aero_bayes.estimate.local_fit import (
@@ -37,7 +44,6 @@ from aero_bayes.estimate.noise import (
 )
 from aero_bayes.estimate.noise_estimation import estimate_noise, whiten
 from aero_bayes.estimate.objective import Objective
-from aero_bayes.estimate.step_parameters import other_plateaus
 from aero_bayes.estimate.target import Target
 from aero_bayes.progress import Progress, Watched
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from aero_bayes.arrays import FloatArray
 from aero_bayes.display import join_names, table_html
 from aero_bayes.estimate.calibration import Calibration
-from aero_bayes.estimate.step_parameters import StepParameter
+from aero_bayes.estimate.delays import StepParameter
 from aero_bayes.plain import plain
 from aero_bayes.simulation.interface import ParameterTarget
 from aero_bayes.simulation.model import Model

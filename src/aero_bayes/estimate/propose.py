@@ -19,10 +19,17 @@ from aero_bayes.arrays import FloatArray
 from aero_bayes.display import table_html
 from aero_bayes.errors import CannotFinishError, InputError
 from aero_bayes.estimate.identifiability import Status
-from aero_bayes.estimate.information import ExperimentPredictor, Limits, PredictedExperiment, posterior_sd
+from aero_bayes.estimate.information import (
+    ExperimentPredictor,
+    Limits,
+    PredictedExperiment,
+    Score,
+    SearchSettings,
+    best_signals,
+    posterior_sd,
+)
 from aero_bayes.estimate.parameters import ParameterSet
 from aero_bayes.estimate.result import Fit, HasFit, fit_of
-from aero_bayes.estimate.signal_search import Score, SearchSettings, best_signals
 from aero_bayes.files import write_whole
 from aero_bayes.progress import Progress, watching
 from aero_bayes.simulation.workers import WorkerPool
@@ -238,7 +245,7 @@ def _narrowing(
     repeated = np.full(after.shape, np.nan) if same is None else posterior_sd(known + same.information)
     spreads = np.stack([before, after, repeated], axis=1) * predictor.shared.jacobian(predictor.values)[:, None]
     expected = tuple(
-        ExpectedParameter(p.name, p.unit, value, *sds, j in aimed)
+        ExpectedParameter(p.name, p.unit, value, sds[0], sds[1], sds[2], j in aimed)
         for j, (p, value, sds) in enumerate(
             zip(predictor.shared, predictor.values.tolist(), spreads.tolist(), strict=True)
         )

@@ -36,8 +36,8 @@ def write_comparison(directories: Sequence[Path | str], out: Path | str) -> Path
         "legend": [(SERIES[k], name) for k, name in enumerate(runs)], "finding": (), "opening": (),
         "verdicts": [(found.level, name, found.text) for name, found in verdicts.items() if found],
         "sections": with_parts(
-            Parts("Parameters", [_estimates_by_run_table(runs) or ""], "parameters"),
-            Parts("Residuals", [_rms_by_run_table(runs) or "", *residuals], "residuals"),
+            Parts("Parameters", [_estimates_by_run_table(runs)], "parameters"),
+            Parts("Residuals", [_rms_by_run_table(runs), *residuals], "residuals"),
             Parts("Settings", [settings], "settings"),
         ),
     }  # fmt: skip
@@ -65,7 +65,7 @@ def _shared(runs: Runs) -> dict[str, dict[str, ParameterJson]]:
     }
 
 
-def _estimates_by_run_table(runs: Runs) -> Markup | None:
+def _estimates_by_run_table(runs: Runs) -> Markup:
     """Write value, interval and status of every parameter, run by run."""
     rows = []
     for name, entries in _shared(runs).items():
@@ -75,7 +75,7 @@ def _estimates_by_run_table(runs: Runs) -> Markup | None:
         shown = (_estimate(entries.get(run)) for run in runs)
         rows.append((symbol(name), drawn, unit, *shown, _apart(list(entries.values()))))
     heads = ("parameter", "a scale for each row", "unit", *runs, "largest difference (combined sd)")
-    return html_table(heads, rows, "Parameters, with 90 % intervals") if rows else None
+    return html_table(heads, rows, "Parameters, with 90 % intervals")
 
 
 def _estimate(found: ParameterJson | None) -> Markup | str:
@@ -129,7 +129,7 @@ def _residual_plate(runs: Runs, seen: Runs, recording: str) -> Plate | None:
     return plate(panels, alt, "time (s)", link=recording) if panels else None
 
 
-def _rms_by_run_table(runs: Runs) -> Markup | None:
+def _rms_by_run_table(runs: Runs) -> Markup:
     """Write the RMS of the residual, by recording and output."""
     rows = []
     places = dict.fromkeys(
@@ -140,7 +140,7 @@ def _rms_by_run_table(runs: Runs) -> Markup | None:
         unit = next(filter(None, (run.result.unit(output) for run in runs.values())), "")
         if any(size is not None for size in sizes):
             rows.append((recording, symbol(output), pretty_unit(unit), *(significant(size) for size in sizes)))
-    return html_table(("recording", "output", "unit", *runs), rows, "RMS of the residual") if rows else None
+    return html_table(("recording", "output", "unit", *runs), rows, "RMS of the residual")
 
 
 def _rms(run: RunDirectory, recording: str, output: str) -> float | None:
@@ -148,13 +148,13 @@ def _rms(run: RunDirectory, recording: str, output: str) -> float | None:
     return None if values is None else float(np.sqrt(np.nanmean(values**2)))
 
 
-def _settings_table(runs: Runs) -> Markup | None:
+def _settings_table(runs: Runs) -> Markup:
     """Return everything about how the runs were made that is not the same for all."""
     told = all(run.result.settings for run in runs.values())
     found = [dict(_flat("", run.result.settings) if told else ()) | dict(_circumstances(run)) for run in runs.values()]
     keys = [key for key in dict.fromkeys(k for f in found for k in f) if len({repr(f.get(key)) for f in found}) > 1]
     rows = [(Markup("<code>{}</code>").format(key), *(generic_cell(f.get(key)) for f in found)) for key in keys]
-    return html_table(("setting", *runs), rows, "Settings that differ") if rows else None
+    return html_table(("setting", *runs), rows, "Settings that differ")
 
 
 def _circumstances(run: RunDirectory) -> Iterator[tuple[str, object]]:

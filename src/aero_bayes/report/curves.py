@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from aero_bayes.arrays import FloatArray
+from aero_bayes.display import join_names
 from aero_bayes.report.drawing import Band, Dots, Layer, Line, Panel, Plate, plate
 from aero_bayes.report.run_directory import RunDirectory
 from aero_bayes.report.svg import ACCENT, INK, MEASURED, WARM_COLOUR
@@ -33,8 +34,7 @@ def largest(*arrays: FloatArray | None) -> float:
 
 def named(signals: Sequence[str]) -> str:
     """Name signals in words for an alternative text."""
-    words = [greek_name(name) for name in signals]
-    return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}"
+    return join_names([greek_name(name) for name in signals])
 
 
 def curve(run: RunDirectory, group: str, recording: str, name: str) -> FloatArray | None:

@@ -51,7 +51,7 @@ def diagram_plate(diagram: DiagramJson) -> Plate | None:
         f"Marked: the place where {'an effect was' if len(marked) == 1 else 'effects were'} added." if marked else "",
     )
     table = html_table(("part", "what it is", "connected to", ""), rows, alt)
-    return Plate(canvas.svg(), alt, caption, table=table)
+    return Plate(canvas.svg(), alt, caption, table)
 
 
 def _points(given: Any) -> Points:

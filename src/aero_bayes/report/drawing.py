@@ -96,8 +96,8 @@ class Plate:
     drawing: Markup
     alt: str
     caption: Markup
+    table: Markup
     legend: tuple[tuple[str, str], ...] = ()
-    table: Markup | None = None
     link: str = ""
     series: dict[str, FloatArray] = field(default_factory=dict)
     scrolls: bool = False
@@ -116,7 +116,7 @@ def plate(
     """Make panels a figure; one with a ``link`` can be zoomed."""
     series: dict[str, FloatArray] | None = {} if link else None
     drawing = draw(panels, alt, x_label, series, small=small)
-    return Plate(drawing, alt, Markup.escape(caption), legend, data_table(panels, x_label, alt), link, series or {})
+    return Plate(drawing, alt, Markup.escape(caption), data_table(panels, x_label, alt), legend, link, series or {})
 
 
 def draw(
@@ -309,7 +309,7 @@ def _reach(panel: Panel) -> tuple[float, float]:
     return low - spare, high + spare
 
 
-def data_table(panels: Sequence[Panel], x_label: str, alt: str) -> Markup | None:
+def data_table(panels: Sequence[Panel], x_label: str, alt: str) -> Markup:
     """Return the labelled layers of a figure as a table.
 
     Means over equal stretches of the x axis, RMS for residuals."""
@@ -317,7 +317,7 @@ def data_table(panels: Sequence[Panel], x_label: str, alt: str) -> Markup | None
         (panel, layer) for panel in panels for layer in panel.layers if not isinstance(layer, Dots) and layer.label
     ]
     if not shown:
-        return None
+        return Markup("")
     heads = [x_label]
     for panel, layer in shown:
         words = f"{layer.label}, RMS" if isinstance(layer, Line) and layer.rms else layer.label

@@ -96,7 +96,7 @@ def _output(run: RunDirectory, plan: DesignJson, time: FloatArray, name: str, mo
     return Panel(signal_title(name, unit), tuple(layers), 130, levels=shown, y_limits=limits)
 
 
-def _gains(plan: DesignJson) -> Markup | None:
+def _gains(plan: DesignJson) -> Markup:
     rows: list[tuple[object, ...]] = []
     marked: list[int] = []
     most = max((entry.gain or 0.0 for entry in plan.parameters.values()), default=1.0)
@@ -112,12 +112,9 @@ def _gains(plan: DesignJson) -> Markup | None:
             symbol(name), shown.value, shown.unit, *(_relative(sd, value) for sd in spreads),
             bar((entry.gain or 0.0) / most, f"{name}: {significant(entry.gain)} times narrower"), _times(entry.gain),
         ))  # fmt: skip
-    columns = (
-        "parameter", "value", "unit", "now", "expected after",
-        "old input again", "", "times narrower",
-    )  # fmt: skip
+    columns = ("parameter", "value", "unit", "now", "expected after", "old input again", "", "times narrower")
     caption = "Standard deviations in per cent of the value (marked: the parameters that the signal is for)"
-    return html_table(columns, rows, caption, marked) if rows else None
+    return html_table(columns, rows, caption, marked)
 
 
 def _relative(sd: float | None, value: float) -> str:
@@ -128,7 +125,7 @@ def _times(gain: float | None) -> str:
     return NO_VALUE if gain is None else f"{gain:.2f}" if gain < 10 else tidy(gain, 3)
 
 
-def _models(plan: DesignJson, words: dict[str, str]) -> Markup | None:
+def _models(plan: DesignJson, words: dict[str, str]) -> Markup:
     """Return the two effects as they fit the present recordings."""
     rows = []
     for entry in plan.models:
@@ -137,7 +134,7 @@ def _models(plan: DesignJson, words: dict[str, str]) -> Markup | None:
             interval = f"{shown.low} … {shown.high}" if sure else NO_VALUE
             rows.append((named_effect(entry.id, words), symbol(name), shown.value, interval, shown.unit))
     columns = ("effect", "parameter", "value", "90 % interval", "unit")
-    return html_table(columns, rows, "The two effects, fitted to the present recordings") if rows else None
+    return html_table(columns, rows, "The two effects, fitted to the present recordings")
 
 
 def _already(plan: DesignJson, words: dict[str, str]) -> Markup:
@@ -162,14 +159,12 @@ def _separation(plan: DesignJson, words: dict[str, str]) -> Markup:
     ).format(significant(plan.first_true), significant(plan.second_true), tidy(DECISIVE))
 
 
-def _families(plan: DesignJson) -> Markup | None:
+def _families(plan: DesignJson) -> Markup:
     """Return how well the best signal of each kind would do."""
     scores = {name: score for name, score in plan.families.items() if score is not None}
-    if not scores:
-        return None
     separate = plan.kind == "separate"
     worth = {name: score if separate else float(np.exp(-score)) for name, score in scores.items()}
-    most = max(worth.values())
+    most = max(worth.values(), default=0.0)
     rows = [
         (name, bar(value / most if most > 0 else 0.0, f"{name}: {significant(value)}"), significant(value))
         for name, value in sorted(worth.items(), key=lambda item: -item[1])
@@ -178,7 +173,7 @@ def _families(plan: DesignJson) -> Markup | None:
     return html_table(("kind of signal", "", head), rows, "The best signal of each kind")
 
 
-def _limits(run: RunDirectory, plan: DesignJson) -> Markup | None:
+def _limits(run: RunDirectory, plan: DesignJson) -> Markup:
     values = run.series.get(f"plan/input/{plan.input}")
     rows = [(
         symbol(plan.input), significant(None if values is None else largest(values)),

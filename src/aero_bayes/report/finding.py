@@ -50,7 +50,7 @@ def finding(result: RunJson) -> Finding | None:
     known += [f"{text[:1].upper()}{text[1:]}." for text in (growing(loop.errors, units) if effects else [])]
     sure = [claimed(e, name or e.id, "those listed below") for e in effects]
     sure += [words.limit(one) for one in loop.limits[:MOST_LIMITS]] if loop.outcome == "adequate" else []
-    sure += [rivals_table(e) or "" for e in effects]
+    sure += [rivals_table(e) for e in effects]
     columns = {"What is missing": missing, "How we know": known, "How sure": sure}
     kept = [(heading, [part for part in parts if part]) for heading, parts in columns.items()]
     drawn = [p for e in effects if (p := curve_plate(e))]
@@ -94,14 +94,14 @@ def _bars(result: RunJson, error: RecordingErrorJson) -> Markup:
     return head.format(symbol(error.output), where(error), Markup("").join(drawn))
 
 
-def rivals_table(effect: EffectJson) -> Markup | None:
+def rivals_table(effect: EffectJson) -> Markup:
     """List what the data do not tell from an effect; None where there is nothing."""
     rows = [
         (Markup("<code>{}</code>").format(other.id), _more(other.error_ratio))
         for other in effect.alternatives if other.id != effect.id
     ]  # fmt: skip
     caption = f"{'Other forms of' if effect.claim == 'law' else 'Not told from'} {effect.id}"
-    return html_table(("effect", "left-out error"), rows, caption) if rows else None
+    return html_table(("effect", "left-out error"), rows, caption)
 
 
 def _more(ratio: float | None) -> str:

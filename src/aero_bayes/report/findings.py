@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from markupsafe import Markup
 
+from aero_bayes.estimate.calibrated_model import value_text
 from aero_bayes.report.schema_estimate import DiagnosisJson, McmcJson, ModeDrawsJson, QuantilesJson
 from aero_bayes.report.schema_run import RecordingErrorJson, RunJson
 from aero_bayes.report.tables import bar, html_table, intervals_glyph, ratio_glyph, status_pill
@@ -25,7 +26,7 @@ from aero_bayes.simulation.interface import NORMAL_HALF_WIDTH
 R_HAT_LIMIT = 1.01
 
 
-def errors_table(result: RunJson) -> Markup | None:
+def errors_table(result: RunJson) -> Markup:
     """Write the error of each recording by its own noise, before and after where there are both."""
     errors = errors_of(result)
     both = result.loop is not None and bool(result.loop.effects) and any(e.before is not None for e in errors)
@@ -49,7 +50,7 @@ def errors_table(result: RunJson) -> Markup | None:
         "noise │ ○ before  ● after" if both else "noise │ error", "p (white)",
         "what is left",
     )  # fmt: skip
-    return html_table(columns, rows, "RMS error of each recording") if rows else None
+    return html_table(columns, rows, "RMS error of each recording")
 
 
 def errors_of(result: RunJson) -> list[RecordingErrorJson]:
@@ -67,7 +68,7 @@ def errors_of(result: RunJson) -> list[RecordingErrorJson]:
     ]  # fmt: skip
 
 
-def checks_table(result: RunJson, told: str) -> Markup | None:
+def checks_table(result: RunJson, told: str) -> Markup:
     """Return what the checks found, before and after, but what the verdict ``told`` or says of the model."""
     extended = result.loop is not None and bool(result.loop.effects)
     before = {row.cause: row for row in (result.loop.diagnosis_before if result.loop and extended else [])}
@@ -78,7 +79,7 @@ def checks_table(result: RunJson, told: str) -> Markup | None:
         if not said and (row.found or (was is not None and was.found)):
             rows.append((row.cause, *(_check(found) for found in ([was] if before else []) + [row])))
     heads = ("before", "after") if before else ("what was found",)
-    return html_table(("cause", *heads), rows, "What the checks found") if rows else None
+    return html_table(("cause", *heads), rows, "What the checks found")
 
 
 def _check(row: DiagnosisJson | None) -> Markup:
@@ -88,7 +89,7 @@ def _check(row: DiagnosisJson | None) -> Markup:
     return Markup("{}<small>{} {}</small>").format(sentence(row.what), sentence(row.where), sentence(row.done)) + found
 
 
-def shifts_table(result: RunJson) -> Markup | None:
+def shifts_table(result: RunJson) -> Markup:
     """Write parameters before and after the model was extended, and how far each moved; None for another run."""
     loop, rows = result.loop, []
     for name, moved in loop.shifts.items() if loop is not None and loop.effects else ():
@@ -102,7 +103,7 @@ def shifts_table(result: RunJson) -> Markup | None:
     heads = ("parameter", "before (upper line), after (lower line)", "change",
              "in combined standard deviations")  # fmt: skip
     caption = "How far the parameters moved: 90 % intervals, a scale for each row"
-    return html_table(heads, rows, caption) if rows else None
+    return html_table(heads, rows, caption)
 
 
 def _spread(value: float | None, sd: float | None) -> QuantilesJson:
@@ -111,7 +112,7 @@ def _spread(value: float | None, sd: float | None) -> QuantilesJson:
     return QuantilesJson(value=value, q05=value - NORMAL_HALF_WIDTH * sd, q95=value + NORMAL_HALF_WIDTH * sd)
 
 
-def noise_model_table(result: RunJson) -> Markup | None:
+def noise_model_table(result: RunJson) -> Markup:
     """Return the noise model of every output."""
     rows = [
         (
@@ -120,14 +121,11 @@ def noise_model_table(result: RunJson) -> Markup | None:
         )
         for output, found in result.noise.items()
     ]  # fmt: skip
-    columns = (
-        "output", "total", "white part", "correlated part", "unit",
-        "correlation time", "lag-1 correlation",
-    )  # fmt: skip
-    return html_table(columns, rows, "Noise model of each output (standard deviations)") if rows else None
+    columns = ("output", "total", "white part", "correlated part", "unit", "correlation time", "lag-1 correlation")
+    return html_table(columns, rows, "Noise model of each output (standard deviations)")
 
 
-def process_noise_table(result: RunJson) -> Markup | None:
+def process_noise_table(result: RunJson) -> Markup:
     """Return the diffusion of every state that has one."""
     rows = [
         (
@@ -138,10 +136,10 @@ def process_noise_table(result: RunJson) -> Markup | None:
         for state, found in result.process_noise.items()
     ]  # fmt: skip
     columns = ("state", "diffusion", "90 % interval", "unit")
-    return html_table(columns, rows, "Process noise of the states") if rows else None
+    return html_table(columns, rows, "Process noise of the states")
 
 
-def sampler_table(mcmc: McmcJson) -> Markup | None:
+def sampler_table(mcmc: McmcJson) -> Markup:
     """Write R-hat, effective draws and autocorrelation time by parameter; insufficient ones are marked."""
     rows: list[tuple[object, ...]] = []
     marked = []
@@ -150,12 +148,7 @@ def sampler_table(mcmc: McmcJson) -> Markup | None:
             marked.append(len(rows))
         shown = NO_VALUE if found.r_hat is None else f"{found.r_hat:.4f}"
         rows.append((symbol(name), shown, count(found.ess_bulk), count(found.ess_tail), significant(found.tau)))
-    if not rows:
-        return None
-    columns = (
-        "parameter", Markup("R&#770;"), "ESS, bulk",
-        "ESS, tail", Markup("<i>τ</i> (steps)"),
-    )  # fmt: skip
+    columns = ("parameter", Markup("R&#770;"), "ESS, bulk", "ESS, tail", Markup("<i>τ</i> (steps)"))
     return html_table(
         columns, rows, "Convergence of each parameter (ESS: effective draws; marked: R-hat above 1.01)", marked
     )
@@ -204,7 +197,7 @@ def probability(p: float | None) -> str:
     return "< 0.0001" if p < 1e-4 else significant(p, 2)
 
 
-def left_out_table(result: RunJson) -> Markup | None:
+def left_out_table(result: RunJson) -> Markup:
     """Write the error of each recording predicted from the others, beside that of the fit to all recordings."""
     rows = []
     for recording, entry in result.prediction.recordings.items():
@@ -223,36 +216,27 @@ def left_out_table(result: RunJson) -> Markup | None:
         "recording", "output", "predicted", "fitted", "noise floor",
         "unit", "predicted over fitted", "floor │ ○ fitted  ● predicted",
     )  # fmt: skip
-    return html_table(columns, rows, "RMS error of each recording, predicted from the others") if rows else None
+    return html_table(columns, rows, "RMS error of each recording, predicted from the others")
 
 
-def listed_values_table(result: RunJson) -> Markup | None:
+def listed_values_table(result: RunJson) -> Markup:
     """List every combination of values with its probability, and how far its log-posterior is below the best."""
     trials = result.fit.values
     if not trials:
-        return None
+        return Markup("")
     names = list(trials[0].values)
     rows = []
     for trial in trials:
         share = trial.share or 0.0
         shown = NO_VALUE if trial.failed else f"{significant(100.0 * share)} %" if share >= 1e-3 else "< 0.1 %"
-        values = [_shown(trial.values[name]) for name in names]
+        values = [value_text(trial.values[name]) for name in names]
         worse = Markup("<small>{}</small>").format(trial.failed) if trial.failed else significant(trial.worse_by)
         rows.append((*values, shown, bar(share, f"probability {shown}"), worse))
-    columns = (
-        *map(symbol, names), "probability", "",
-        "log-posterior below the best",
-    )  # fmt: skip
+    columns = (*map(symbol, names), "probability", "", "log-posterior below the best")
     return html_table(columns, rows, "Listed values, each fitted; the first are reported", [0])
 
 
-def _shown(value: bool | float | str) -> str:
-    if isinstance(value, bool):
-        return "true" if value else "false"
-    return value if isinstance(value, str) else f"{value:.6g}"
-
-
-def sensor_table(result: RunJson) -> Markup | None:
+def sensor_table(result: RunJson) -> Markup:
     """Write the count of encoders, and what rounding to it adds to the residual; by output."""
     rows = [
         (symbol(output), significant(found.encoder.step), pretty_unit(result.unit(output)),
@@ -261,4 +245,4 @@ def sensor_table(result: RunJson) -> Markup | None:
         if found.encoder is not None
     ]  # fmt: skip
     heads = ("output", "one count", "unit", "effect on the noise")
-    return html_table(heads, rows, "Encoders") if rows else None
+    return html_table(heads, rows, "Encoders")

@@ -1,4 +1,4 @@
-"""The page of a fleet: parameters, effects, outliers, and a table of the rigs with links to their pages."""
+"""The page of a fleet: one table of the rigs with links to their pages, above them what they have in common."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from markupsafe import Markup
 
 from aero_bayes.files import write_whole
 from aero_bayes.report.page import fill
-from aero_bayes.report.schema_run import FleetJson, RangeJson, RigReasonJson, RunJson
+from aero_bayes.report.schema_run import FleetJson, RangeJson, RunJson
 from aero_bayes.report.tables import Column, html_table
 from aero_bayes.report.text import (
     NO_VALUE,
@@ -33,60 +33,49 @@ _OUTCOMES = {"adequate": "the model is adequate", "extended": "an effect was add
 def write_fleet_page(directory: Path, result: FleetJson, rows: Sequence[Mapping[str, Any]]) -> Path:
     """Write ``DIR/report.html``: one file, of a few hundred bytes a rig and parameter."""
     words = {effect.id: effect.summary for effect in result.effects if effect.summary}
+    loop = [(_OUTCOMES.get(k, k), count(n)) for k, n in sorted(result.outcomes.items())]
+    for e in result.effects:
+        share = Markup("{} rigs; share of all, 90 % interval: {}").format(count(e.named), _range(e.share, "%", 100.0))
+        loop.append((named_effect(e.id, words), share))
     facts = [
         ("work", result.work), ("seed", str(result.seed)), ("worker processes", count(result.workers)),
         ("computing time of all rigs", duration(result.seconds)), ("table", result.table_sha256[:16]),
         *((f"version of {k}", v) for k, v in result.versions.items()),
     ]  # fmt: skip
-    context = {
-        "result": result, "title": f"Fleet of {count(result.rigs)} rigs", "facts": facts,
-        "outcomes": [(_OUTCOMES.get(k, k), count(n)) for k, n in sorted(result.outcomes.items())],
-        "parameters": _parameter_table(result), "effects": _effect_table(result, words),
-        "stand_out": _reasons(result.stand_out, words), "failures": _reasons(result.failures, words, linked=False),
-        "more": {"stand_out": result.standing_out - len(result.stand_out),
-                 "failures": result.failed - len(result.failures)},
-        "rigs": _rig_table(result, rows, words),
-    }  # fmt: skip
+    title = f"Fleet of {count(result.rigs)} rigs"
+    context = {"result": result, "title": title, "facts": facts, "loop": loop, "rigs": _rigs(result, rows, words)}
     page = fill("fleet.html.jinja", context, [RunJson(words=words)], ())
     return write_whole(directory / "report.html", page)
 
 
-def _parameter_table(result: FleetJson) -> Markup | None:
-    """Write the typical value, the spread and the next rig's value, each with its 90 % interval."""
-    rows = []
-    for name, entry in result.parameters.items():
-        mean, following = (_range(r, entry.unit) for r in (entry.mean, entry.next))
-        spread = _range(entry.spread, "%", 100.0) if entry.log else _range(entry.spread, entry.unit)
-        rows.append((symbol(name), mean, spread, following, pretty_unit(entry.unit), count(entry.rigs)))
-    heads = (
-        "parameter", Column("typical value", "right"), Column("spread, one standard deviation", "right"),
-        Column("the next rig", "right"), "unit", Column("rigs used", "right"),
-    )  # fmt: skip
-    return html_table(heads, rows, "Distribution over the rigs, with 90 % intervals") if rows else None
-
-
-def _effect_table(result: FleetJson, words: Mapping[str, str]) -> Markup | None:
-    heads = (
-        "effect", Column("rigs whose loop found it", "right"), Column("share of all rigs, 90 % interval", "right"),
-    )  # fmt: skip
-    rows = [(named_effect(e.id, words), count(e.named), _range(e.share, "%", 100.0)) for e in result.effects]
-    return html_table(heads, rows, "Effects") if rows else None
-
-
-def _rig_table(result: FleetJson, rows: Sequence[Mapping[str, Any]], words: Mapping[str, str]) -> Markup | None:
-    """Write a line for each rig that was fitted, outliers marked: residual, effects, and value of each parameter."""
-    loop = bool(result.outcomes)
-    units = {name: pretty_unit(entry.unit) for name, entry in result.parameters.items()}
-    heads: list[Column | str] = ["rig", Column("residual / noise floor", "right"), *(["effects"] if loop else [])]
-    heads += [Column(Markup("{} {}").format(symbol(name), unit), "right") for name, unit in units.items()]
-    odd = {entry.rig for entry in result.stand_out}
-    lines = []
+def _rigs(result: FleetJson, rows: Sequence[Mapping[str, Any]], words: Mapping[str, str]) -> Markup:
+    """Write what the rigs have in common, and a line for each: residual, effects, parameters, and what is odd of it."""
+    parameters = result.parameters.items()
+    heads: list[Column | str] = ["rig", Column("residual / noise floor", "right"), "effects"]
+    heads += [Column(Markup("{} {}").format(symbol(name), pretty_unit(p.unit)), "right") for name, p in parameters]
+    spreads = (_range(p.spread, "%", 100.0) if p.log else _range(p.spread, p.unit) for _, p in parameters)
+    lines: list[tuple[object, ...]] = [
+        ("typical value", "", "", *(_range(p.mean, p.unit) for _, p in parameters), ""),
+        ("spread, one standard deviation", "", "", *spreads, ""),
+        ("the next rig", "", "", *(_range(p.next, p.unit) for _, p in parameters), ""),
+        ("rigs used", "", "", *(count(p.rigs) for _, p in parameters), ""),
+    ]
+    marked = []
     for row in rows:
-        named = Markup("<br>").join(named_effect(effect["id"], words) for effect in row["effects"])
-        values = (_own_value(row["parameters"].get(name)) for name in units)
-        lines.append((_link(row["key"]), significant(row["over_floor"]), *([named] if loop else []), *values))
-    marked = [k for k, row in enumerate(rows) if row["key"] in odd]
-    return html_table(heads, lines, "Rigs: values from their own data, 90 % intervals", marked) if lines else None
+        if "error" in row:
+            lines.append((row["key"], *[NO_VALUE] * (len(parameters) + 2), sentence(row["error"], words)))
+            continue
+        if "reasons" in row:
+            marked.append(len(lines))
+        link = Markup('<a href="rigs/{0}/report.html">{0}</a>').format(row["key"])
+        effects, odd = (Markup("<br>").join(parts) for parts in (
+            [named_effect(effect["id"], words) for effect in row["effects"]],
+            [sentence(reason, words) for reason in row.get("reasons", ())],
+        ))  # fmt: skip
+        values = (_own_value(row["parameters"].get(name)) for name, _ in parameters)
+        lines.append((link, significant(row["over_floor"]), effects, *values, odd))
+    caption = "Rigs: values from their own data, 90 % intervals; outliers first, then those that could not be fitted"
+    return html_table([*heads, "why an outlier, or not fitted"], lines, caption, marked)
 
 
 def _own_value(entry: Mapping[str, Any] | None) -> Markup | str:
@@ -107,15 +96,3 @@ def _range(values: RangeJson, unit: str, factor: float = 1.0) -> Markup | str:
     power = shown.unit.partition(" ")[0] if shown.unit.startswith("×") else ""
     sign = " %" if unit == "%" else ""
     return Markup("{}{}{}<small>{} … {}</small>").format(shown.value, sign, power, shown.low, shown.high)
-
-
-def _reasons(rigs: Sequence[RigReasonJson], words: Mapping[str, str], *, linked: bool = True) -> Markup | None:
-    rows = [
-        (_link(entry.rig) if linked else entry.rig, Markup("<br>").join(sentence(r, words) for r in entry.reasons))
-        for entry in rigs
-    ]
-    return html_table(("rig", "why"), rows) if rows else None
-
-
-def _link(rig: str) -> Markup:
-    return Markup('<a href="rigs/{0}/report.html">{0}</a>').format(rig)

@@ -36,7 +36,7 @@ def rounds(loop: LoopJson) -> tuple[list[StepJson], list[str], list[str]]:
     return steps, ids, [id_ for id_ in ids if best[id_] > 0 or id_ in taken][:_MOST_ROWS] or ids[:1]
 
 
-def rounds_table(loop: LoopJson, words: Mapping[str, str]) -> Markup | None:
+def rounds_table(loop: LoopJson, words: Mapping[str, str]) -> Markup:
     """Write a row for each candidate, and a bar for each step: how far the error falls."""
     steps, ids, _ = rounds(loop)
     cells = [{c.id: c for c in step.candidates} for step in steps]
@@ -47,7 +47,7 @@ def rounds_table(loop: LoopJson, words: Mapping[str, str]) -> Markup | None:
         rows.append((name, port, *(_cell(by_id.get(id_), step) for by_id, step in zip(cells, steps, strict=True))))
     heads = (f"step {step.round}" for step in steps)
     caption = "How far the error on left-out readings falls, in the output where it falls most"
-    return html_table(("candidate", "port", *heads), rows, caption) if rows else None
+    return html_table(("candidate", "port", *heads), rows, caption)
 
 
 def _cell(found: CandidateJson | None, step: StepJson) -> Markup:

@@ -156,19 +156,20 @@ def _lead(text: Markup | str) -> Markup:
 def _context(run: RunDirectory) -> dict[str, Any]:
     result, scene = run.result, curves.opening_scene(run)
     head, verdict = finding.finding(result), result.verdict or words.verdict(result)
-    opening = [Markup('<h2 class="small">{}</h2>').format(curves.stretch_words(run, scene))] if scene else []
-    found = [
-        *(head.curves if head else led("errors", findings.errors_table(result))), *opening,
-        scene and curves.scene_plate(run, scene),
-        Markup('<p class="checks">{}</p>').format(words.checks_line(result)),
-        Markup('<div class="diagnosis">{}</div>').format(findings.checks_table(result, verdict.text) or ""),
-    ]  # fmt: skip
+    opening: list[Part] = [*head.curves] if head else led("errors", findings.errors_table(result))
+    if scene:
+        title = Markup('<h2 class="small">{}</h2>').format(curves.stretch_words(run, scene))
+        opening += [title, curves.scene_plate(run, scene)]
+    if line := words.checks_line(result):
+        opening.append(Markup('<p class="checks">{}</p>').format(line))
+    if table := findings.checks_table(result, verdict.text):
+        opening.append(Markup('<div class="diagnosis">{}</div>').format(table))
     return {
         "title": words.title(result, run.path.name), "legend": (), "simulated": result.simulated,
         "finding": head.columns if head else (),
         "kicker": " · ".join(filter(None, ("aero-bayes", result.command, result.model.name))),
         "verdicts": [(verdict.level, words.LEVELS[verdict.level], words.short_verdict(result))],
-        "warnings": finding.warnings(result), "opening": [part for part in found if part],
+        "warnings": finding.warnings(result), "opening": opening,
         "sections": with_parts(
             Parts("The next experiment", experiment.experiment(run), "design"),
             Parts("Parameters", _parameters(result), "parameters"),
@@ -187,8 +188,8 @@ def _parameters(result: RunJson) -> list[Part]:
     shown = parameter_table({n: p for n, p in result.parameters.items() if n not in aside})
     return [
         *led("shift", findings.shifts_table(result)), *led("parameters", shown),
-        *with_parts(Parts(folded, [parameter_table(aside, folded) or ""])), _lead(status_words(result.parameters)),
-        findings.listed_values_table(result) or "", *(line for line in known.text if line not in said),
+        *with_parts(Parts(folded, [parameter_table(aside, folded)])), status_words(result.parameters),
+        findings.listed_values_table(result), *(line for line in known.text if line not in said),
         f"Not determined by these data: {unknown}." if unknown else "",
     ] if result.parameters else []  # fmt: skip
 
@@ -216,10 +217,13 @@ def _posterior(run: RunDirectory) -> list[Part]:
     dull = {name for name, entry in parameters.items() if entry.status == "unidentified"}
     seen = {name: draws for name, draws in run.posterior.items() if name not in dull}
     plot = pairs.pair_plate(seen, units) if seen else None
-    drawn: list[Part] = [Markup("<h3>Parameters in pairs</h3>"), plot] if plot else []
-    facts = findings.sampler_facts(mcmc) if mcmc else {}
-    table = findings.sampler_table(mcmc) if mcmc else None
-    return led("posterior", facts, *drawn, *with_parts(Parts("Convergence of each parameter", [table or ""])))
+    drawn: list[Part] = [findings.sampler_facts(mcmc)] if mcmc else []
+    if plot:
+        title = "Parameters in pairs"
+        drawn += [Parts(title, [plot])] if run.result.loop else [Markup("<h3>{}</h3>").format(title), plot]
+    if mcmc:
+        drawn += with_parts(Parts("Convergence of each parameter", [findings.sampler_table(mcmc)]))
+    return led("posterior", *drawn)
 
 
 def _details(run: RunDirectory) -> list[Part]:
@@ -234,7 +238,7 @@ def _details(run: RunDirectory) -> list[Part]:
     return [*with_parts(
         *(_loop(result, result.loop) if result.loop else ()),
         Parts("Priors, bounds and combinations of parameters", [
-            prior_table(result.parameters) or "",
+            prior_table(result.parameters),
             Markup("<h3>Combinations that the data determine</h3>") if determined else "", *determined,
             *led("profiles", fit_figures.profile_plates(run)),
             f"Not profiled, because the time limit was reached: {untried}." if untried else "",
@@ -242,7 +246,7 @@ def _details(run: RunDirectory) -> list[Part]:
         *residuals,
         Parts("Noise and sensors", [
             *led("noise", findings.noise_model_table(result)),
-            *led("process_noise", findings.process_noise_table(result)), findings.sensor_table(result) or "",
+            *led("process_noise", findings.process_noise_table(result)), findings.sensor_table(result),
         ]),
         Parts("Prediction of what was left out", led("prediction", left_out, note) if left_out else []),
         Parts("Diagram of the model", [drawn for one in result.diagrams if (drawn := diagram_plate(one))]),

@@ -66,7 +66,7 @@ def pair_plate(posterior: Mapping[str, FloatArray], units: Mapping[str, str]) ->
         for row, name in enumerate(names)
     ]
     table = html_table(("", *(symbol(name) for name in names)), rows, "Rank correlations")
-    return Plate(canvas.svg(), alt, caption, table=table, scrolls=True)
+    return Plate(canvas.svg(), alt, caption, table, scrolls=True)
 
 
 def rank_correlation(posterior: Mapping[str, FloatArray], names: Sequence[str]) -> FloatArray:

@@ -101,8 +101,6 @@ def mathematics(words: str) -> str:
     return re.sub(r"(?<![\w.])([A-Za-zΑ-ω]{1,2})_([A-Za-z0-9]{1,6})(?![\w.])", r"$\\mathrm{\1_{\2}}$", escaped)
 
 
-__all__ = ["FloatArray", "Picture", "draw_panels", "ground"]
-
 #: Width of a figure in inches, inches for each pixel of a panel's height, and time columns of a cloud.
 WIDTH, INCHES, COLUMN_COUNT = 8.2, 0.0115, 900
 

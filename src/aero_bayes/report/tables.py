@@ -14,7 +14,6 @@ from aero_bayes.report.schema_estimate import ParameterJson, QuantilesJson
 from aero_bayes.report.text import (
     NO_VALUE,
     RoundedValue,
-    key_label,
     pretty_unit,
     rounded_value,
     sentence,
@@ -48,14 +47,16 @@ class Column:
 def html_table(
     columns: Sequence[Column | str], rows: Sequence[Sequence[object]], caption: str = "", marked: Sequence[int] = ()
 ) -> Markup:
-    """Return a table that scrolls sideways on a narrow screen, every cell escaped unless it is Markup.
+    """Return a table that scrolls sideways on a narrow screen; nothing without rows.
 
-    Columns of numbers go to the right."""
-    cells = [[row[k] for row in rows] for k in range(len(columns))]
+    Every cell is escaped unless it is Markup; columns of numbers go to the right."""
+    if not rows:
+        return Markup("")
     heads = [
-        column if isinstance(column, Column) else Column(column, "right" if _numeric(own) else "left")
-        for column, own in zip(columns, cells, strict=True)
-    ]
+        column if isinstance(column, Column) else
+        Column(column, "right" if k and _numeric([row[k] for row in rows]) else "left")
+        for k, column in enumerate(columns)
+    ]  # fmt: skip
     head = Markup("").join(
         Markup('<th scope="col" class="{}">{}</th>').format(c.align, c.title) if c.title else Markup("<td></td>")
         for c in heads
@@ -85,7 +86,7 @@ def _numeric(cells: Sequence[object]) -> bool:
     return all(_NUMBER.match(text) for text in texts if text.strip()) and any(text.strip() for text in texts)
 
 
-def parameter_table(parameters: Mapping[str, ParameterJson], caption: str = "Estimates") -> Markup | None:
+def parameter_table(parameters: Mapping[str, ParameterJson], caption: str = "Estimates") -> Markup:
     """Write value, 90 % interval, unit and status of every parameter.
 
     What was fixed, ended on a bound, or is not determined by the data never shows an interval."""
@@ -103,10 +104,10 @@ def parameter_table(parameters: Mapping[str, ParameterJson], caption: str = "Est
     columns += ["status", ""]
     if not any(row[-1] for row in rows):
         columns, rows = columns[:-1], [row[:-1] for row in rows]
-    return html_table(columns, rows, caption) if rows else None
+    return html_table(columns, rows, caption)
 
 
-def prior_table(parameters: Mapping[str, ParameterJson]) -> Markup | None:
+def prior_table(parameters: Mapping[str, ParameterJson]) -> Markup:
     """Write prior, start and bounds of every parameter that was fitted; None where there is none."""
     rows = []
     for name, stated in parameters.items():
@@ -116,7 +117,7 @@ def prior_table(parameters: Mapping[str, ParameterJson]) -> Markup | None:
         numbers = (significant(x) for x in (stated.start, stated.lower, stated.upper))
         rows.append((symbol(name), *numbers, pretty_unit(stated.unit), known))
     columns = ("parameter", "start", "lowest", "highest", "unit", "prior")
-    return html_table(columns, rows, "Priors, starts and bounds") if rows else None
+    return html_table(columns, rows, "Priors, starts and bounds")
 
 
 def parameter_quantity(stated: QuantilesJson) -> tuple[RoundedValue, bool]:
@@ -141,29 +142,26 @@ def status_words(parameters: Mapping[str, ParameterJson]) -> Markup:
     """Say what each of the statuses that parameters have means."""
     found = {entry.status for entry in parameters.values()}
     meant = (Markup("<strong>{}</strong>: {}").format(s, _STATUS_WORDS[s]) for s in _RANKS if s in found)
-    return Markup("; ").join(meant) + "."
+    return Markup('<p class="lead">{}.</p>').format(Markup("; ").join(meant)) if found - {None} else Markup("")
 
 
 def ratio_glyph(before: float | None, after: float | None) -> Markup:
     """Draw errors before (ring) and after (dot) in multiples of the noise floor (line at 1), on a logarithmic axis."""
-    known = [ratio for ratio in (before, after) if ratio is not None and ratio > 0]
+    known = {label: ratio for label, ratio in (("before", before), ("after", after)) if ratio is not None and ratio > 0}
     if not known:
         return Markup("")
-    least, most = min(0.8, *known), max(4.0, *known)
+    least, most = min(0.8, *known.values()), max(4.0, *known.values())
 
     def at(ratio: float) -> float:
         return 8 + 124 * math.log(ratio / least) / math.log(most / least)
 
     marks = Markup("")
-    if before and after:
-        marks += Markup('<line class="way" x1="{:.1f}" x2="{:.1f}" y1="8" y2="8"/>').format(at(before), at(after))
-    if before:
-        marks += Markup('<circle class="before" cx="{:.1f}" cy="8" r="4.5"/>').format(at(before))
-    if after:
-        marks += Markup('<circle class="after" cx="{:.1f}" cy="8" r="4.5"/>').format(at(after))
-    words = "error in multiples of the noise floor: " + ", ".join(
-        f"{label} {significant(ratio)}" for label, ratio in (("before", before), ("after", after)) if ratio
-    )
+    if len(known) == 2:
+        marks += Markup('<line class="way" x1="{:.1f}" x2="{:.1f}" y1="8" y2="8"/>').format(*map(at, known.values()))
+    for label, ratio in known.items():
+        marks += Markup('<circle class="{}" cx="{:.1f}" cy="8" r="4.5"/>').format(label, at(ratio))
+    told = ", ".join(f"{label} {significant(ratio)}" for label, ratio in known.items())
+    words = f"error in multiples of the noise floor: {told}"
     return Markup(
         '<svg class="glyph" viewBox="0 0 140 16" role="img" aria-label="{}">'
         '<line class="floor" x1="{:.1f}" x2="{:.1f}" y1="0" y2="16"/>{}</svg>'
@@ -199,15 +197,12 @@ def bar(share: float, words: str) -> Markup:
     ).format(words, 140 * min(1.0, max(0.0, share)))
 
 
-def generic_cell(value: object, digits: int = 4) -> object:
-    """Write whatever a run stated as a cell: numbers rounded, mappings and lists spelt out."""
+def generic_cell(value: object) -> object:
+    """Write whatever a run stated as a cell: numbers rounded, lists spelt out."""
     if isinstance(value, bool):
         return "yes" if value else "no"
     if isinstance(value, int | float):
-        return tidy(float(value), digits) if math.isfinite(value) else NO_VALUE
-    if isinstance(value, Mapping):
-        pairs = (Markup("{} {}").format(key_label(key), generic_cell(item, digits)) for key, item in value.items())
-        return Markup(", ").join(pairs)
+        return tidy(float(value)) if math.isfinite(value) else NO_VALUE
     if isinstance(value, list | tuple):
         return Markup(", ").join(escape(str(generic_cell(item))) for item in value)
     return NO_VALUE if value is None else sentence(value)

@@ -149,14 +149,6 @@ def symbol(name: str) -> Markup:
     return Markup('<span class="symbol"><i>{}</i>{}</span>').format(letter, subscript)
 
 
-def key_label(key: object) -> Markup:
-    """Return a key of a run's result as a label: a symbol where it is one, else its words."""
-    text = str(key)
-    head = text.partition("_")[0]
-    known = _greek(head) != head or (len(head) <= 2 and "_" in text)
-    return symbol(text) if known else escape(text.replace("_", " "))
-
-
 def role_words(role: str) -> str:
     """Return a recording's role as a person says it."""
     return {"train": "training", "test": "unseen"}.get(role, role)

@@ -1,15 +1,14 @@
-"""Tables of text: their encoding, what separates their columns, and where the table stands between other lines.
+"""Tables: of text, in Excel where the header may stand below a title, in Parquet and Feather.
 
-Columns are separated by commas, by semicolons or tabs, where a comma is a decimal mark, or by spaces. A line inside the
-table that has not as many cells as the others is refused with its number. Pandas reads the cells; what they say is
-decided in :mod:`aero_bayes.data.cells`.
+Columns of text are separated by commas, by semicolons or tabs, where a comma is a decimal mark, or by spaces. A line
+inside the table that has not as many cells as the others is refused with its number. Pandas reads the cells; what they
+say is decided in :mod:`aero_bayes.data.cells`.
 """
 
 from __future__ import annotations
 
 import codecs
 import csv
-import hashlib
 import os
 import re
 import warnings
@@ -22,7 +21,7 @@ from typing import TYPE_CHECKING, Any, TextIO
 
 from aero_bayes.data.cells import DATE, NO_READING, NUMBER
 from aero_bayes.data.find_table import COMMENTS, longest_run, told_width, with_header
-from aero_bayes.data.table import FileTable
+from aero_bayes.data.source import Cells, Source
 from aero_bayes.errors import InputError
 
 if TYPE_CHECKING:
@@ -43,10 +42,15 @@ BYTES_PER_VALUE, LEAST_BYTES = 24, 64 << 20
 MOST_TOTALS = 50
 
 
-class TextTable:
-    """A table of text whose columns are read when they are asked for."""
+def text_source(path: Path) -> Source:
+    """Return a table of text. Columns are read when they are asked for, if the memory is enough."""
+    return _TextTable(path).source
 
+
+class _TextTable:
     def __init__(self, path: Path) -> None:
+        import pandas
+
         self.path, self._encoding = path, _encoding(path)
         for most in HEAD_LINES:
             with self._open() as file:
@@ -54,35 +58,27 @@ class TextTable:
             found = {s: [_cells(line, s) for line in lines] for s in SEPARATORS}
             runs = {s: longest_run(rows) for s, rows in found.items()}
             self._separator = max(SEPARATORS, key=lambda s: runs[s].values)
-            self._rows, run = found[self._separator], runs[self._separator]
+            rows, run = found[self._separator], runs[self._separator]
             if run.stop and run.stop > min(most, len(lines)) // 4:
                 break
         if not run.stop:
             raise InputError(f"{path}: holds no table: expected names, and rows of numbers below them")
-        self._found, self._width = with_header(self._rows, run, str(path)), run.width
+        self._found, self._width = with_header(rows, run, str(path)), run.width
         self.names = self._found.names
-        self.where = f"{path}, row {self._found.header[0] + 1}"
+        head = [row[: len(self.names)] for row in rows[self._found.first :] if len(row) == run.width]
+        where = f"{path}, row {self._found.header[0] + 1}"
+        self.source = Source(path, self.names, self._read, where, head=pandas.DataFrame(head[:20]))
 
-    def head(self) -> pandas.DataFrame:
-        """Return the first rows, as text."""
-        import pandas
-
-        rows = [row[: len(self.names)] for row in self._rows[self._found.first :] if len(row) == self._width]
-        return pandas.DataFrame(rows[:20])
-
-    def read(self, columns: Sequence[str], memory: int | None = None) -> FileTable:
+    def _read(self, columns: Sequence[str]) -> Cells:
         """Read columns by name; InputError for lines with too few or too many cells, and for too little memory."""
         blanks, count, below, marks = self._scan()
         needed = BYTES_PER_VALUE * count * len(columns) + LEAST_BYTES
-        free = memory if memory is not None else free_memory()
-        if needed > free:
+        if needed > (free := free_memory()):
             raise InputError(
                 f"{self.path}: {count:,} rows of {len(columns)} columns need {needed / 2**20:,.0f} MiB of memory, "
                 f"{free / 2**20:,.0f} MiB are free: thin or cut the file, or run on a larger machine"
             )
         frame = self._frame([self.names.index(name) for name in columns], count, marks)
-        with self.path.open("rb") as file:
-            sha256 = hashlib.file_digest(file, "sha256").hexdigest()
 
         def line(row: int) -> int:
             at = row + self._found.first + 1
@@ -91,7 +87,8 @@ class TextTable:
             return at
 
         note = self._found.note(self.path.name, [number - 1 for number in below])
-        return FileTable(frame.set_axis(list(columns), axis=1), sha256, lambda row: f"row {line(row)}", line(0), note)
+        cells = dict(zip(columns, (frame[place] for place in frame), strict=True))
+        return Cells(cells, lambda row: f"row {line(row)}", line(0), note)
 
     def _open(self) -> TextIO:
         return self.path.open(encoding=self._encoding, errors="replace")
@@ -218,3 +215,91 @@ def free_memory() -> int:
     except (OSError, ValueError):
         pass
     return free
+
+
+#: Function of pandas that reads a file by its suffix, and the part of an installation that it needs.
+READERS = {
+    ".xlsx": ("read_excel", "excel"),
+    ".xlsm": ("read_excel", "excel"),
+    ".parquet": ("read_parquet", "parquet"),
+    ".feather": ("read_feather", "parquet"),
+}
+#: Suffixes of tables that are not read, and what to do instead.
+REFUSED = {
+    ".xls": "save it as .xlsx or CSV",
+    ".ods": "save it as .xlsx or CSV",
+    ".pkl": "write it as CSV or Parquet",
+}
+#: Rows of a sheet in which its table is looked for.
+MOST_ROWS = 200
+
+
+def frame_source(path: Path) -> Source | None:
+    """Return a table that pandas reads whole, as its suffix tells; None for another file.
+
+    InputError for one that is known and not read, whose reader is not installed, or that cannot be read."""
+    import pandas
+
+    suffix = path.suffix.lower()
+    if suffix in REFUSED:
+        raise InputError(f"{path}: {suffix} is not read: {REFUSED[suffix]}")
+    if suffix not in READERS:
+        return None
+    reader, extra = READERS[suffix]
+    # Without its name pandas would ask the file for its engine first.
+    options: dict[str, Any] = {"engine": "openpyxl", "header": None, "sheet_name": None} if extra == "excel" else {}
+    try:
+        frame = getattr(pandas, reader)(path, **options)
+    except ImportError:
+        raise missing_extra(path, extra) from None
+    except Exception as error:
+        reason = f"{error}".partition("\n")[0] or type(error).__name__
+        raise InputError(f"{path}: cannot be read as a table: {reason}") from None
+    first, where, note = 1, str(path), ""
+    if extra == "excel":
+        frame, first, where, note = _sheet(path, frame)
+    elif frame.index.name is not None and frame.index.name not in frame.columns:
+        frame = frame.reset_index()
+    names = [str(column).strip() for column in frame.columns]
+
+    def cells(asked: Sequence[str]) -> Cells:
+        if not len(frame):
+            raise InputError(f"{path}: holds a header but no data, expected one sample a row")
+        columns = {name: frame.iloc[:, names.index(name)] for name in asked}
+        return Cells(columns, lambda row: f"row {row + first}", first, note)
+
+    return Source(path, names, cells, where, head=frame.head(20))
+
+
+def _sheet(path: Path, sheets: dict[str, pandas.DataFrame]) -> tuple[pandas.DataFrame, int, str, str]:
+    """Return the table of the first sheet that has one, its first row, where its names stand, and what is not read.
+
+    Its columns are those with a name."""
+    for title, sheet in sheets.items():
+        rows = [list(map(_text, row)) for row in sheet.head(MOST_ROWS).to_numpy()]
+        run = longest_run(rows)
+        if not run.stop:
+            continue
+        found = with_header(rows, run, f"{path}, sheet {title}")
+        stop = len(sheet)
+        while stop > found.first and not found.goes_on(list(map(_text, sheet.iloc[stop - 1]))):
+            stop -= 1
+        below = [r for r in range(stop, len(sheet)) if sheet.iloc[r].notna().any()]
+        data = sheet.iloc[found.first : stop, : len(found.names)].set_axis(found.names, axis=1)
+        used = [k for k, name in enumerate(found.names) if name]
+        where, note = f"{path}, sheet {title}, row {found.header[0] + 1}", f"{path.name}, sheet {title}"
+        frame = data.iloc[:, used].reset_index(drop=True).infer_objects()
+        return frame, found.first + 1, where, found.note(note, below)
+    raise InputError(f"{path}: no sheet has a row of names above rows of numbers")
+
+
+def missing_extra(path: Path, extra: str) -> InputError:
+    """Return the error for a file whose reader is not installed."""
+    return InputError(
+        f"{path}: reading {path.suffix} files needs a further package: pip install 'aero-bayes[{extra}]', or write the "
+        "signals as CSV"
+    )
+
+
+def _text(cell: Any) -> str:
+    return "" if cell is None or cell != cell else str(cell).strip()
