@@ -161,10 +161,10 @@ def compile_binaries(source: str, identifier: str, platforms: Sequence[Platform]
 
 def _cross_compile(source: str, identifier: str, platform: Platform, target: str) -> bytes:
     """Return the library for another machine."""
-    command, product = zig_compiler(target), f"{identifier}{platform.suffix}"
-    flags = [*_FLAGS, "-O2", *platform.flags, "-I.", "-o", product, f"{identifier}.c", "fmi2.c", "-lm"]
+    command = zig_compiler(target)
+    flags = [*_FLAGS, "-O2", *platform.flags, "-I.", "-o", "made", f"{identifier}.c", "fmi2.c", "-lm"]
     stamp = f"{importlib.metadata.version('ziglang')}{command[1:]}{flags}".encode()
-    return _compiled(command, flags, source_files(source, identifier), product, stamp)
+    return _compiled(command, flags, source_files(source, identifier), "made", stamp)
 
 
 def source_files(source: str, identifier: str) -> dict[str, bytes]:
