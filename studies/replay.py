@@ -28,7 +28,7 @@ from aero_bayes.data import Recording, to_experiment
 from aero_bayes.estimate.fit import declared_overrides, fit
 from aero_bayes.estimate.levenberg_marquardt import FitSettings
 from aero_bayes.estimate.noise import NoiseModel
-from aero_bayes.estimate.parameters import Override, parameters_from_model
+from aero_bayes.estimate.parameters import ParameterSpec, parameters_from_model
 from aero_bayes.estimate.priors import LogNormal
 from aero_bayes.estimate.result import Fit
 from aero_bayes.estimate.swarm import SwarmSettings, minimise
@@ -174,7 +174,7 @@ def fit_jointly(recording: Recording, model: Model, *, linear_law: bool, seed: i
     for name in ("k_d", "k_t") if linear_law else ():
         centre = SHEET[name]
         prior = LogNormal.factor(centre, SPREAD)
-        overrides[name] = Override(centre, centre / SPREAD**2, centre * SPREAD**2, prior, "log")
+        overrides[name] = ParameterSpec(centre, centre / SPREAD**2, centre * SPREAD**2, prior, "log")
     parameters = parameters_from_model(model, overrides=overrides)
     settings = FitSettings(noise=NoiseModel("white"))
     return fit([recording], model, parameters=parameters, settings=settings, seed=seed, workers=workers)

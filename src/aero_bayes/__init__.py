@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from aero_bayes.errors import CannotFinishError, InputError
     from aero_bayes.estimate.fit import fit
     from aero_bayes.estimate.levenberg_marquardt import FitSettings
-    from aero_bayes.estimate.parameters import Override
+    from aero_bayes.estimate.parameters import ParameterSpec
     from aero_bayes.estimate.priors import LogNormal, LogUniform, Normal, Uniform
     from aero_bayes.estimate.propose import propose_experiment
     from aero_bayes.estimate.result import Fit
@@ -43,14 +43,15 @@ if TYPE_CHECKING:
     from aero_bayes.posterior.posterior import Posterior
     from aero_bayes.posterior.sample import sample
     from aero_bayes.report.run_directory import RunDirectory
+    from aero_bayes.simulation.function_model import FunctionModel
     from aero_bayes.simulation.load_model import load_model
     from aero_bayes.simulation.model import Model
-    from aero_bayes.simulation.python_model import PythonModel
 
 __all__ = [
     "CannotFinishError",
     "Fit",
     "FitSettings",
+    "FunctionModel",
     "InputError",
     "LogNormal",
     "LogUniform",
@@ -58,9 +59,8 @@ __all__ = [
     "LoopSettings",
     "Model",
     "Normal",
-    "Override",
+    "ParameterSpec",
     "Posterior",
-    "PythonModel",
     "Recording",
     "RecordingPrediction",
     "Rig",
@@ -89,7 +89,7 @@ _HOMES = {
     "estimate.fit": "fit",
     "estimate.levenberg_marquardt": "FitSettings",
     "estimate.prediction": "RecordingPrediction",
-    "estimate.parameters": "Override",
+    "estimate.parameters": "ParameterSpec",
     "estimate.priors": "LogNormal LogUniform Normal Uniform",
     "estimate.propose": "propose_experiment",
     "estimate.result": "Fit",
@@ -102,7 +102,7 @@ _HOMES = {
     "report.run_directory": "RunDirectory",
     "simulation.load_model": "load_model",
     "simulation.model": "Model",
-    "simulation.python_model": "PythonModel",
+    "simulation.function_model": "FunctionModel",
 }
 
 

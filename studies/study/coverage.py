@@ -29,7 +29,7 @@ from aero_bayes.data import Recording
 from aero_bayes.estimate import CalibrationSettings
 from aero_bayes.estimate.levenberg_marquardt import FitSettings
 from aero_bayes.estimate.noise import NoiseModel
-from aero_bayes.estimate.parameters import Override
+from aero_bayes.estimate.parameters import ParameterSpec
 from aero_bayes.estimate.priors import LogNormal
 from simulated_rigs.kinds import KINDS
 from simulated_rigs.rig import RigKind
@@ -113,10 +113,10 @@ class RepeatedRig:
         starts: Mapping[str, float] | None = None,
     ) -> aero_bayes.Fit:  # fmt: skip
         """Fit the free parameters under their priors, and others from ``starts``, by a local search."""
-        wishes = {name: Override(start=value) for name, value in (starts or {}).items()}
+        wishes = {name: ParameterSpec(start=value) for name, value in (starts or {}).items()}
         for name in self.kind.free:
             value = self.kind.parameters[name]
-            wishes[name] = Override(start=value, prior=LogNormal(value, SPREAD))
+            wishes[name] = ParameterSpec(start=value, prior=LogNormal(value, SPREAD))
         calibration = CalibrationSettings(initial_states="estimated")
         settings = FitSettings(method="local", calibration=calibration, noise=NoiseModel(default=noise))
         return aero_bayes.fit(recordings, model, parameters=wishes, settings=settings, workers=0)

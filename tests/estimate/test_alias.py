@@ -12,7 +12,7 @@ import pytest
 from scipy.signal import cont2discrete, dlsim
 
 from aero_bayes.data import Recording
-from aero_bayes.estimate import CalibrationSettings, Override, parameters_from_model
+from aero_bayes.estimate import CalibrationSettings, ParameterSpec, parameters_from_model
 from aero_bayes.estimate.calibration import calibrate
 from aero_bayes.estimate.global_search import GlobalSearch, GlobalSearchResult
 from aero_bayes.estimate.levenberg_marquardt import FitSettings
@@ -52,7 +52,7 @@ def record() -> Recording:
 def test_a_resonance_is_not_taken_for_its_alias(modelica):
     """Held inputs make the alias the better of two bad fits; straight lines are tried from the start as well."""
     model = modelica(OSCILLATOR)
-    free = parameters_from_model(model, overrides={name: Override() for name in ("m", "d", "a")})
+    free = parameters_from_model(model, overrides={name: ParameterSpec() for name in ("m", "d", "a")})
     held = calibrate([record()], model, free, settings=CalibrationSettings(initial_states="estimated"))
     with open_simulator(held.problem(), workers=0) as simulator:
         search = GlobalSearch(Objective(held, simulator), FitSettings(method="local"))

@@ -11,7 +11,7 @@ import pytest
 
 import aero_bayes
 from aero_bayes.data import Layout
-from aero_bayes.estimate import Override, parameters_from_model
+from aero_bayes.estimate import ParameterSpec, parameters_from_model
 from aero_bayes.estimate.calibrated_model import CalibratedModel
 from aero_bayes.simulation.interface import SolverSettings
 from aero_bayes.simulation.model import ModelicaSource
@@ -111,7 +111,7 @@ def test_components_and_arrays_are_set_as_modelica_has_it(tmp_path: Path):
 def test_a_fit_of_an_fmu_says_where_its_values_are(recording: aero_bayes.Recording, tmp_path: Path):
     fmu = aero_bayes.export_fmu("Rig", tmp_path / "Rig.fmu", sources=CART / "Rig.mo")
     model = aero_bayes.load_model(fmu)
-    free = parameters_from_model(model, overrides={"k": Override()})
+    free = parameters_from_model(model, overrides={"k": ParameterSpec()})
     fit = aero_bayes.fit(recording, model, parameters=free, settings=aero_bayes.FitSettings("local"), workers=0)
     with pytest.raises(aero_bayes.InputError, match=r"Rig.fmu: .*Modelica source.*to_frame"):
         fit.export_fmu(tmp_path / "fitted.fmu")

@@ -9,7 +9,7 @@ from facts import facts
 import aero_bayes
 from aero_bayes.data import Recording
 from aero_bayes.errors import InputError
-from aero_bayes.estimate import CalibrationSettings, Override, parameters_from_model
+from aero_bayes.estimate import CalibrationSettings, ParameterSpec, parameters_from_model
 
 ROOM = """model Room "A room with a heater"
   parameter Real tau(unit = "s", min = 100, max = 1e6) = 5000 "Time constant";
@@ -47,7 +47,7 @@ def fitted(modelica, recordings, limit) -> aero_bayes.Fit:
     settings = aero_bayes.FitSettings(
         method="local", calibration=CalibrationSettings(initial_states="reading", max_input_delay=limit)
     )
-    free = parameters_from_model(model, overrides={name: Override() for name in ("tau", "gain")})
+    free = parameters_from_model(model, overrides={name: ParameterSpec() for name in ("tau", "gain")})
     return aero_bayes.fit(recordings, model, parameters=free, settings=settings, workers=0)
 
 

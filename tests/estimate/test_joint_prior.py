@@ -10,18 +10,18 @@ from scipy.stats import multivariate_normal
 
 import aero_bayes
 from aero_bayes import InputError
-from aero_bayes.estimate.parameters import Override, ParameterSet, parameters_from_model, with_joint_prior
+from aero_bayes.estimate.parameters import ParameterSet, ParameterSpec, parameters_from_model, with_joint_prior
 
 pytestmark = pytest.mark.fast
 
 SD = 0.1
 
 
-def model() -> aero_bayes.PythonModel:
+def model() -> aero_bayes.FunctionModel:
     def line(parameters, inputs, time):
         return {"y": parameters["a"] + parameters["b"] * inputs["u"](time)}
 
-    return aero_bayes.PythonModel(line, inputs=["u"], outputs=["y"], parameters={"a": 1.0, "b": 1.0})
+    return aero_bayes.FunctionModel(line, inputs=["u"], outputs=["y"], parameters={"a": 1.0, "b": 1.0})
 
 
 def recording(name: str, low: float, high: float, seed: int) -> aero_bayes.Recording:
@@ -31,7 +31,7 @@ def recording(name: str, low: float, high: float, seed: int) -> aero_bayes.Recor
 
 
 def parameters() -> ParameterSet:
-    wide = {name: Override(start=1.0, lower=-10.0, upper=10.0) for name in ("a", "b")}
+    wide = {name: ParameterSpec(start=1.0, lower=-10.0, upper=10.0) for name in ("a", "b")}
     return parameters_from_model(model(), overrides=wide)
 
 
@@ -48,7 +48,7 @@ def test_the_density_is_that_of_a_normal_distribution() -> None:
     mean, covariance = np.array([np.log(4.0), 0.5]), np.array([[0.04, 0.054], [0.054, 0.09]])
     draws = rng.multivariate_normal(mean, covariance, 4000)
     given = {"a": np.exp(draws[:, 0]), "b": draws[:, 1]}
-    own = {"a": Override(start=4.0, lower=1e-3, upper=1e3), "b": Override(start=0.5, lower=-20.0, upper=20.0)}
+    own = {"a": ParameterSpec(start=4.0, lower=1e-3, upper=1e3), "b": ParameterSpec(start=0.5, lower=-20.0, upper=20.0)}
     found = with_joint_prior(parameters_from_model(model(), overrides=own), given)
     exact = multivariate_normal(draws.mean(axis=0), np.cov(draws.T))
     points = rng.multivariate_normal(mean, covariance, 20) / [1.0, 40.0]

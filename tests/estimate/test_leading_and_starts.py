@@ -8,7 +8,7 @@ from closed_form import FormulaSimulator, calibration, parameter
 from scipy.signal import cont2discrete
 
 from aero_bayes.data import Recording
-from aero_bayes.estimate import CalibrationSettings, NoiseModel, Override, Uniform, parameters_from_model
+from aero_bayes.estimate import CalibrationSettings, NoiseModel, ParameterSpec, Uniform, parameters_from_model
 from aero_bayes.estimate.calibration import calibrate
 from aero_bayes.estimate.delays import with_few_samples
 from aero_bayes.estimate.fit import fit, fit_calibration
@@ -75,7 +75,7 @@ def test_the_cheap_problem_leads_to_the_valley_of_the_full_one(modelica, kind):
     model = modelica(PENDULUM)
     calibration = calibrate(
         [Recording("swing", TIME, {"u": force}, {"x": readings})], model,
-        parameters_from_model(model, overrides={"w": Override()}),
+        parameters_from_model(model, overrides={"w": ParameterSpec()}),
         settings=CalibrationSettings(delay="none", may_start_at_rest=()),
     )  # fmt: skip
     assert np.all(np.diff(force) != 0.0)
@@ -112,7 +112,7 @@ def test_few_changes_of_the_input_are_left_as_they_are(modelica):
     force = np.repeat([1.0, -1.0, 2.0], 1000)
     calibration = calibrate(
         [Recording("swing", TIME, {"u": force}, {"x": np.cos(TIME)})], model,
-        parameters_from_model(model, overrides={"w": Override()}),
+        parameters_from_model(model, overrides={"w": ParameterSpec()}),
         settings=CalibrationSettings(delay="none", may_start_at_rest=()),
     )  # fmt: skip
     with open_simulator(calibration.problem(), workers=0) as simulator:
@@ -137,7 +137,7 @@ def test_starts_of_states_that_no_one_measured_are_found(modelica):
         for name, start in starts.items()
     ]  # fmt: skip
     model = modelica(TANKS)
-    parameters = parameters_from_model(model, overrides={"k1": Override(), "k2": Override()})
+    parameters = parameters_from_model(model, overrides={"k1": ParameterSpec(), "k2": ParameterSpec()})
     settings = FitSettings(method="local", calibration=CalibrationSettings(delay="none", initial_states="estimated"))
     found = fit(recordings, model, parameters=parameters, settings=settings, workers=0)
     assert found.warnings == ()
@@ -183,7 +183,7 @@ def test_a_start_is_not_called_as_a_parameter_of_the_model(modelica):
     )
     time = np.arange(200) * 0.05
     y = 1.0 - 0.7 * np.exp(-time / 2.0) + 0.002 * np.random.default_rng(3).standard_normal(time.size)
-    free = parameters_from_model(model, overrides={"T": Override(), "y_start": Override()})
+    free = parameters_from_model(model, overrides={"T": ParameterSpec(), "y_start": ParameterSpec()})
     settings = CalibrationSettings(delay="none", initial_states="estimated")
     made = calibrate([Recording("step", time, {"u": np.ones(time.size)}, {"y": y})], model, free, settings=settings)
     assert made.parameters.names == ("T", "y_start")  # searched as the initial value that it is

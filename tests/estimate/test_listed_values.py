@@ -13,7 +13,7 @@ import aero_bayes
 from aero_bayes.cli import main
 from aero_bayes.errors import InputError
 from aero_bayes.estimate.calibrated_model import combinations
-from aero_bayes.estimate.parameters import Override
+from aero_bayes.estimate.parameters import ParameterSpec
 
 MODEL = """
 model Coil
@@ -68,7 +68,7 @@ def recording_of(table: dict[str, np.ndarray]) -> aero_bayes.Recording:
 
 
 def test_whole_number_switch_and_enumeration(model: aero_bayes.Model, table: dict[str, np.ndarray], tmp_path: Path):
-    offset = Override(values=(True, False))
+    offset = ParameterSpec(values=(True, False))
     listed = {"n": {"values": [1, 3]}, "offset": offset, "law": {"values": ["Linear", "Square"]}}
     found = aero_bayes.fit(
         recording_of(table), model, parameters={"R": (0.1, 20.0), **listed}, settings=QUICK, workers=0

@@ -11,7 +11,7 @@ from scipy import integrate, stats
 
 from aero_bayes import load_model
 from aero_bayes.errors import InputError
-from aero_bayes.estimate import LogNormal, LogUniform, Normal, Override, Uniform, parameters_from_model
+from aero_bayes.estimate import LogNormal, LogUniform, Normal, ParameterSpec, Uniform, parameters_from_model
 from aero_bayes.estimate.parameters import ParameterSet
 
 pytestmark = pytest.mark.fast
@@ -157,5 +157,5 @@ def test_a_bound_small_beyond_measure_says_only_the_sign(tmp_path) -> None:
     model = load_model("Lag", sources=[source])
     found = parameters_from_model(model, ["T", "g"])
     assert (found["T"].lower, found["g"].lower) == (0.5e-3, 0.1)
-    asked = parameters_from_model(model, ["T"], {"T": Override(lower=1e-13)})
+    asked = parameters_from_model(model, ["T"], {"T": ParameterSpec(lower=1e-13)})
     assert asked["T"].lower == 1e-13

@@ -12,7 +12,7 @@ from scipy.signal import cont2discrete, dlsim
 import aero_bayes
 from aero_bayes.data import Recording
 from aero_bayes.errors import InputError
-from aero_bayes.estimate import CalibrationSettings, Override, parameters_from_model
+from aero_bayes.estimate import CalibrationSettings, ParameterSpec, parameters_from_model
 from aero_bayes.estimate.calibration import calibrate
 from aero_bayes.estimate.simulate import moving_inputs
 from aero_bayes.simulation.interface import Interpolation
@@ -59,7 +59,7 @@ def fitted(modelica, recording: Recording, interpolation) -> aero_bayes.Fit:
     settings = aero_bayes.FitSettings(
         method="local", calibration=CalibrationSettings(initial_states="reading", interpolation=interpolation)
     )
-    free = parameters_from_model(model, overrides={name: Override() for name in ("tau", "gain")})
+    free = parameters_from_model(model, overrides={name: ParameterSpec() for name in ("tau", "gain")})
     return aero_bayes.fit(recording, model, parameters=free, settings=settings, workers=0)
 
 
@@ -87,7 +87,7 @@ def test_a_reading_by_name_and_what_may_move(modelica) -> None:
     steps = np.repeat(np.arange(60.0), 10)
     recording = Recording("house", TIME, {**recording.inputs, "heater": steps}, recording.outputs)
     model = modelica(HOUSE)
-    free = parameters_from_model(model, overrides={"tau": Override()})
+    free = parameters_from_model(model, overrides={"tau": ParameterSpec()})
     settings = CalibrationSettings(initial_states="reading", interpolation={"T_amb": "linear"})
     calibration = calibrate([recording], model, free, settings=settings)
     assert calibration.data.interpolation == {"T_amb": "linear", "heater": "hold"}

@@ -10,7 +10,7 @@ import pytest
 
 import aero_bayes
 from aero_bayes import FitSettings, Recording
-from aero_bayes.estimate import Override
+from aero_bayes.estimate import ParameterSpec
 from aero_bayes.simulation.model import Model
 from aero_bayes.simulation.probed_facts import start_parameters
 
@@ -30,7 +30,7 @@ equation
 end Lag;
 """
 LOCAL = FitSettings("local")
-SEARCHED = {"gain": Override(per_recording=True), "tau": None}
+SEARCHED = {"gain": ParameterSpec(per_recording=True), "tau": None}
 
 
 def lag(rng: np.random.Generator, name: str, gain: float, start: float) -> Recording:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from aero_bayes.data import Recording
-from aero_bayes.estimate import CalibrationSettings, Override, parameters_from_model
+from aero_bayes.estimate import CalibrationSettings, ParameterSpec, parameters_from_model
 from aero_bayes.estimate.calibration import calibrate
 from aero_bayes.estimate.local_fit import LocalFitSettings, local_fit
 from aero_bayes.estimate.objective import Objective
@@ -35,7 +35,7 @@ def test_a_range_far_wider_leaves_the_intervals_of_least_squares(modelica):
     u = np.repeat(rng.uniform(-1.0, 1.0, 100), 4)
     y = 1.2 + 0.9 * u + NOISE * rng.standard_normal(time.size)
     run = Recording("run", time, {"u": u}, {"y": y})
-    wide = {"a": Override(lower=0.0, upper=2.0), "b": Override(lower=-1e6, upper=1e6)}
+    wide = {"a": ParameterSpec(lower=0.0, upper=2.0), "b": ParameterSpec(lower=-1e6, upper=1e6)}
     free = parameters_from_model(model, overrides=wide)
     calibration = calibrate([run], model, free, settings=CalibrationSettings(may_start_at_rest=("s",)))
     with open_simulator(calibration.problem(), workers=0) as simulator:

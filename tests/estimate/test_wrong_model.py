@@ -12,7 +12,7 @@ from scipy.optimize import least_squares
 from scipy.signal import lsim
 
 from aero_bayes.data import Recording
-from aero_bayes.estimate import CalibrationSettings, LogUniform, Override, Uniform, parameters_from_model
+from aero_bayes.estimate import CalibrationSettings, LogUniform, ParameterSpec, Uniform, parameters_from_model
 from aero_bayes.estimate.fit import fit, fit_calibration
 from aero_bayes.estimate.identifiability import Status
 from aero_bayes.estimate.levenberg_marquardt import FitSettings
@@ -62,7 +62,7 @@ def wrong(modelica):
     """The default fit of a linear spring to a hardening one, and the readings."""
     readings = hardening(10.0, 0.6, 12.0) + NOISE * np.random.default_rng(4).standard_normal(TIME.size)
     model = modelica(LINEAR_SPRING)
-    parameters = parameters_from_model(model, overrides={"k": Override(), "d": Override()})
+    parameters = parameters_from_model(model, overrides={"k": ParameterSpec(), "d": ParameterSpec()})
     settings = FitSettings(
         pso=SwarmSettings(particles=16, iterations=30),
         calibration=CalibrationSettings(delay="none", may_start_at_rest=()),
@@ -97,7 +97,7 @@ def test_a_wrong_model_says_so_and_widens_its_intervals(wrong):
 def test_the_right_model_says_nothing(modelica):
     readings = linear(10.0, 0.6) + NOISE * np.random.default_rng(5).standard_normal(TIME.size)
     model = modelica(LINEAR_SPRING)
-    parameters = parameters_from_model(model, overrides={"k": Override(), "d": Override()})
+    parameters = parameters_from_model(model, overrides={"k": ParameterSpec(), "d": ParameterSpec()})
     settings = FitSettings(method="local", calibration=CalibrationSettings(delay="none", may_start_at_rest=()))
     recording = Recording("spring", TIME, {"u": LEVELS}, {"x": readings})
     found = fit(recording, model, parameters=parameters, settings=settings, workers=0)

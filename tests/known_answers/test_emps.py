@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from aero_bayes.data import Recording
-from aero_bayes.estimate import CalibrationSettings, Override, parameters_from_model
+from aero_bayes.estimate import CalibrationSettings, ParameterSpec, parameters_from_model
 from aero_bayes.estimate.fit import fit
 from aero_bayes.estimate.levenberg_marquardt import FitSettings
 from aero_bayes.modelica.compilers import export_fmu
@@ -73,7 +73,13 @@ def test_published_parameters_come_back_from_a_simulated_record(tmp_path: Path, 
     fmu = export_fmu("Emps", tmp_path / "Emps.fmu", sources=[Path(__file__).parent / "models" / "Emps.mo"])
     model = Model.load(fmu)
     parameters = parameters_from_model(
-        model, overrides={"M": Override(), "F_v": Override(), "F_c": Override(scale="linear"), "offset": Override()}
+        model,
+        overrides={
+            "M": ParameterSpec(),
+            "F_v": ParameterSpec(),
+            "F_c": ParameterSpec(scale="linear"),
+            "offset": ParameterSpec(),
+        },
     )
     settings = FitSettings(
         method="local", staged=False, calibration=CalibrationSettings(delay="none", may_start_at_rest=resting)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from aero_bayes.data import Recording
-from aero_bayes.estimate import CalibrationSettings, Override, parameters_from_model
+from aero_bayes.estimate import CalibrationSettings, ParameterSpec, parameters_from_model
 from aero_bayes.estimate.calibration import calibrate
 from aero_bayes.estimate.local_fit import LocalFitSettings, local_fit
 from aero_bayes.estimate.objective import Objective
@@ -53,7 +53,7 @@ def test_a_delay_of_a_recorded_input_moves_it_and_is_written_as_a_law(family, tm
     power, exact = plate(DELAY)
     read = exact + NOISE * np.random.default_rng(4).standard_normal(TIME.size)
     plain = family.base_model()
-    free = parameters_from_model(plain, overrides={"C": Override(), "G": Override()})
+    free = parameters_from_model(plain, overrides={"C": ParameterSpec(), "G": ParameterSpec()})
     base = calibrate(
         [Recording("run", TIME, {"P": power}, {"T": read})], plain, free, settings=CalibrationSettings(delay="none")
     )

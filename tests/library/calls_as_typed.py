@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 
 import aero_bayes
-from aero_bayes import LogNormal, LoopSettings, Override, Recording
+from aero_bayes import LogNormal, LoopSettings, ParameterSpec, Recording
 
 model = aero_bayes.load_model("Rig.mo")
 model = aero_bayes.load_model(Path("Rig.mo"), folder="built")
@@ -28,7 +28,7 @@ print(train.summary())
 aero_bayes.data.write_csv(early, "early.csv")
 fit = aero_bayes.fit(train, model, parameters="k", workers=0)
 fit = aero_bayes.fit(train, model, parameters={"k": (10, 100), "d": None}, workers=0)
-fit = aero_bayes.fit(train, model, parameters={"k": 40, "d": Override(lower=0.1, upper=30)}, workers=0)
+fit = aero_bayes.fit(train, model, parameters={"k": 40, "d": ParameterSpec(lower=0.1, upper=30)}, workers=0)
 fit = aero_bayes.fit(train, model, parameters={"k": LogNormal.tolerance(50.0, 0.2), "d": (0.1, 30.0)}, workers=0)
 fit = aero_bayes.fit([train, test], model, parameters=("k", "d"), workers=0)
 fit = aero_bayes.fit(train, model, parameters=["k", "d"], seed=2, workers=0)

@@ -14,7 +14,7 @@ import pytest
 import aero_bayes
 from aero_bayes.cli import main
 from aero_bayes.data import Layout
-from aero_bayes.estimate import Override, parameters_from_model
+from aero_bayes.estimate import ParameterSpec, parameters_from_model
 
 CART = Path(__file__).parents[2] / "examples" / "cart"
 
@@ -27,7 +27,7 @@ def cart(tmp_path_factory: pytest.TempPathFactory) -> Iterator[SimpleNamespace]:
     with contextlib.chdir(folder):
         model = aero_bayes.load_model("Rig", sources=[Path("Rig.mo")])
         recording, test = (aero_bayes.read_recording(f"{name}.csv", layout=layout) for name in ("train", "test"))
-        free = parameters_from_model(model, overrides={"k": Override(), "d": Override()})
+        free = parameters_from_model(model, overrides={"k": ParameterSpec(), "d": ParameterSpec()})
         fit = aero_bayes.fit(recording, model, parameters=free, workers=0)
     return SimpleNamespace(folder=folder, model=model, recording=recording, test=test, free=free, fit=fit)
 

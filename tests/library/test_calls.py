@@ -18,7 +18,7 @@ from matplotlib import pyplot
 
 import aero_bayes
 from aero_bayes import InputError, LoopSettings, Recording
-from aero_bayes.estimate import Override
+from aero_bayes.estimate import ParameterSpec
 
 SCRIPT = Path(__file__).with_name("calls_as_typed.py")
 
@@ -80,7 +80,7 @@ MISTAKES: dict[str, tuple[Callable[[SimpleNamespace], object], str]] = {
         lambda c: aero_bayes.fit(c.recording, c.model, parameters={"k": (100, 10)}), "k: lower bound 100 is not below",
     ),
     "a start outside its bounds": (
-        lambda c: aero_bayes.fit(c.recording, c.model, parameters={"k": Override(lower=60)}), "start 50 N/m lies",
+        lambda c: aero_bayes.fit(c.recording, c.model, parameters={"k": ParameterSpec(lower=60)}), "start 50 N/m lies",
     ),
     "fit without a parameter": (lambda c: c.fit["K"], "no parameter 'K', found k, d, position_start; did you mean k?"),
     "sampling a recording": (lambda c: aero_bayes.sample(c.recording), "expected a Fit, as aero_bayes.fit gives"),

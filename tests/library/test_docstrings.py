@@ -15,7 +15,7 @@ import pytest
 
 import aero_bayes
 from aero_bayes.data import Layout
-from aero_bayes.estimate import Override, parameters_from_model
+from aero_bayes.estimate import ParameterSpec, parameters_from_model
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "docs"))
 from docstrings import Public, public
@@ -66,7 +66,7 @@ def examples(
 ) -> dict[str, Any]:
     """The names that examples take for granted; the reference says what they are."""
     return {
-        "aero_bayes": aero_bayes, "np": np, "Path": Path, "Layout": Layout, "Override": Override,
+        "aero_bayes": aero_bayes, "np": np, "Path": Path, "Layout": Layout, "ParameterSpec": ParameterSpec,
         "parameters_from_model": parameters_from_model, "model": cart.model, "recording": cart.recording,
         "test": cart.test, "free": cart.free, "fit": cart.fit, "posterior": posterior, "loop": loop, "run": run,
     }  # fmt: skip

@@ -10,7 +10,7 @@ from closed_form import held
 
 from aero_bayes.data import Recording
 from aero_bayes.errors import InputError
-from aero_bayes.estimate import Override
+from aero_bayes.estimate import ParameterSpec
 from aero_bayes.loop import LoopSettings, close_loop
 
 LADDER = """model Ladder "Two filters of a resistor and a capacitor each; only their time constants show"
@@ -43,7 +43,7 @@ def driven(name: str, seed: int) -> Recording:
 
 
 #: Resistances are fitted; capacitances are fixed until an effect is added with which the data determine them.
-LATER = {"R_1": None, "R_2": None} | dict.fromkeys(("C_1", "C_2"), Override(free_if_identified=True))
+LATER = {"R_1": None, "R_2": None} | dict.fromkeys(("C_1", "C_2"), ParameterSpec(free_if_identified=True))
 
 
 @pytest.fixture
@@ -80,6 +80,6 @@ def test_a_wrong_fixed_value_is_freed_beside_the_effect(ladder, settings):
 
 
 def test_a_parameter_that_the_model_lacks_cannot_be_left_for_later(ladder, settings):
-    missing = replace(settings, parameters={"R_1": None, "C_3": Override(free_if_identified=True)})
+    missing = replace(settings, parameters={"R_1": None, "C_3": ParameterSpec(free_if_identified=True)})
     with pytest.raises(InputError, match="no parameter C_3"):
         close_loop([driven("a", 61)], model=ladder, settings=missing, workers=0)

@@ -25,7 +25,7 @@ def heating(parameters, inputs, times):
     return {"T": np.array(found)}
 
 
-MODEL = aero_bayes.PythonModel(
+MODEL = aero_bayes.FunctionModel(
     heating, parameters={"gain": 1.0, "rate": 1.0}, inputs=["u"], outputs=["T"], units={"T": "K", "rate": "1/s"}
 )
 
@@ -71,7 +71,7 @@ def test_a_posterior_and_a_prediction(fit, recording):
 def test_slopes_and_delays_are_those_of_the_formula():
     time = np.linspace(0.0, 1.0, 11)
     signal = InputSignal("u", time, time**2, "linear")
-    model = aero_bayes.PythonModel(
+    model = aero_bayes.FunctionModel(
         lambda p, inputs, t: {"y": np.exp(p["a"] * t) + inputs["u"](t)},
         parameters={"a": 0.5}, inputs=["u"], outputs=["y"],
     )  # fmt: skip
@@ -91,7 +91,7 @@ def failing(parameters, inputs, times):
 
 
 def test_what_the_function_raises_is_a_counted_outcome():
-    model = aero_bayes.PythonModel(failing, parameters={"a": 0.5}, outputs=["y"])
+    model = aero_bayes.FunctionModel(failing, parameters={"a": 0.5}, outputs=["y"])
     problem = Problem(model, (Experiment(np.arange(3.0), ("y",)),), ((ParameterTarget("a"),),))
     with open_simulator(problem) as simulator:
         found = simulator.simulate(np.array([[0.5], [-1.0], [2.0]]))
@@ -101,7 +101,7 @@ def test_what_the_function_raises_is_a_counted_outcome():
 
 @pytest.mark.parametrize(("answer", "says"), [({"z": np.zeros(3)}, "no y"), ({"y": np.zeros(2)}, "shape")])
 def test_an_answer_of_the_wrong_form_is_refused(answer, says):
-    model = aero_bayes.PythonModel(lambda *_: answer, parameters={"a": 0.5}, outputs=["y"])
+    model = aero_bayes.FunctionModel(lambda *_: answer, parameters={"a": 0.5}, outputs=["y"])
     problem = Problem(model, (Experiment(np.arange(3.0), ("y",)),), ((ParameterTarget("a"),),))
     with open_simulator(problem) as simulator, pytest.raises(InputError, match=says):
         simulator.simulate(np.array([[0.5]]))

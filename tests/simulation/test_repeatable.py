@@ -10,7 +10,7 @@ import aero_bayes
 from aero_bayes import FitSettings
 from aero_bayes.data import Recording
 from aero_bayes.errors import CannotFinishError
-from aero_bayes.estimate import Override, parameters_from_model
+from aero_bayes.estimate import ParameterSpec, parameters_from_model
 from aero_bayes.simulation.engines import open_simulator
 from aero_bayes.simulation.interface import Experiment, InputSignal, Outcome, ParameterTarget, Problem
 from aero_bayes.simulation.model import Model
@@ -81,7 +81,7 @@ def test_equal_runs_that_differ_are_refused(test_fmu, pool, defines):
 def test_a_fit_says_why_it_cannot_be_made(test_fmu):
     model = test_fmu("Dahlquist", defines=(*STEPS, "COUNTED_BESIDE"))
     recording = Recording("run", TIME, {"u": np.ones(41)}, {"x": np.exp(-TIME)})
-    free = parameters_from_model(model, overrides={name: Override(lower=0.1, upper=10.0) for name in ("k", "b")})
+    free = parameters_from_model(model, overrides={name: ParameterSpec(lower=0.1, upper=10.0) for name in ("k", "b")})
     with pytest.raises(CannotFinishError, match=Outcome.NOT_REPEATABLE.text):
         aero_bayes.fit(recording, model, parameters=free, settings=FitSettings(method="local"), workers=1)
 

@@ -21,7 +21,7 @@ a = {free = true, lower = 1e-3, upper = 1e3}
 b = {free = true, lower = -10, upper = 10}
 c = {free = true, prior = {kind = "normal", mean = 3.0, sd = 1.0}, lower = -5, upper = 5}
 """
-MODEL = aero_bayes.PythonModel(
+MODEL = aero_bayes.FunctionModel(
     lambda parameters, inputs, time: {"y": time}, outputs=["y"], parameters={"a": 1.0, "b": 1.0, "c": 1.0}
 )
 

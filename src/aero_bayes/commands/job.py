@@ -18,7 +18,7 @@ from aero_bayes.estimate.calibrated_model import ListedValue, combinations
 from aero_bayes.estimate.fit import declared_overrides
 from aero_bayes.estimate.fittable import no_parameter_text
 from aero_bayes.estimate.initial_states import check_plausible, screened
-from aero_bayes.estimate.parameters import Override, ParameterSet, parameters_from_model, with_joint_prior
+from aero_bayes.estimate.parameters import ParameterSet, ParameterSpec, parameters_from_model, with_joint_prior
 from aero_bayes.estimate.priors import LogNormal, LogUniform, Normal, Prior, Uniform
 from aero_bayes.files import one_run_at_a_time, write_whole
 from aero_bayes.modelica.library import declaration_of
@@ -221,7 +221,7 @@ def fit_parameters(model: Model, config: Config) -> ParameterSet:
             overrides.pop(name, None)
         else:
             try:
-                overrides[name] = _override(name, section, overrides.get(name, Override()))
+                overrides[name] = _override(name, section, overrides.get(name, ParameterSpec()))
                 parameters_from_model(model, overrides={name: overrides[name]})
             except InputError as error:
                 which = "" if name in str(error) else f"{name}: "
@@ -262,12 +262,12 @@ def _listed(model: Model, config: Config) -> dict[str, tuple[ListedValue, ...]]:
 def later_of(job: Job) -> ParameterSet:
     """Return parameters that are fixed until the loop has found an effect with which the data determine them."""
     sections = {name: section for name, section in job.config.parameters.items() if section.free == "later"}
-    overrides = {name: _override(name, section, Override()) for name, section in sections.items()}
+    overrides = {name: _override(name, section, ParameterSpec()) for name, section in sections.items()}
     return parameters_from_model(job.model, overrides=overrides)
 
 
-def _override(name: str, section: ParameterSection, default: Override) -> Override:
-    return Override(
+def _override(name: str, section: ParameterSection, default: ParameterSpec) -> ParameterSpec:
+    return ParameterSpec(
         start=section.value if isinstance(section.value, float) else default.start,
         lower=section.lower if section.lower is not None else default.lower,
         upper=section.upper if section.upper is not None else default.upper,

@@ -3,7 +3,7 @@
 from aero_bayes.estimate.information import Limits, SearchSettings
 from aero_bayes.estimate.initial_states import CalibrationSettings
 from aero_bayes.estimate.noise import NoiseModel
-from aero_bayes.estimate.parameters import Override, parameters_from_model
+from aero_bayes.estimate.parameters import ParameterSpec, parameters_from_model
 from aero_bayes.estimate.priors import LogNormal, LogUniform, Normal, Uniform
 
 __all__ = [
@@ -13,7 +13,7 @@ __all__ = [
     "LogUniform",
     "NoiseModel",
     "Normal",
-    "Override",
+    "ParameterSpec",
     "SearchSettings",
     "Uniform",
     "parameters_from_model",

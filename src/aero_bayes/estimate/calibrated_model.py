@@ -29,7 +29,7 @@ from aero_bayes.estimate.fittable import (
     no_parameter_text,
     own_value_reason,
 )
-from aero_bayes.estimate.parameters import ChosenParameters, Override, ParameterSet
+from aero_bayes.estimate.parameters import ChosenParameters, ParameterSet, ParameterSpec
 from aero_bayes.files import ScratchFolder, write_whole
 from aero_bayes.modelica.compilers import export_fmu
 from aero_bayes.modelica.compose import set_elements
@@ -312,11 +312,11 @@ def split_values(
         return chosen, {}
     listed = {}
     for name, spec in chosen.items():
-        if isinstance(spec, Override) and spec.values is not None:
+        if isinstance(spec, ParameterSpec) and spec.values is not None:
             listed[name] = tuple(spec.values)
         elif isinstance(spec, Mapping):
             if set(spec) != {"values"}:
-                raise InputError(f'parameters: {name}: expected {{"values": [...]}} or an Override, got {spec!r}')
+                raise InputError(f'parameters: {name}: expected {{"values": [...]}} or a ParameterSpec, got {spec!r}')
             listed[name] = tuple(spec["values"])
     return {name: spec for name, spec in chosen.items() if name not in listed}, listed
 

@@ -31,7 +31,7 @@ from aero_bayes.estimate.noise_estimation import describe_sensors, whiten
 from aero_bayes.estimate.objective import objective_of
 from aero_bayes.estimate.other_tools import ValueTrial
 from aero_bayes.estimate.outliers import choose_spreads, is_correlated, refit_with_spread, without_outliers
-from aero_bayes.estimate.parameters import ChosenParameters, Override, ParameterSet, chosen_parameters
+from aero_bayes.estimate.parameters import ChosenParameters, ParameterSet, ParameterSpec, chosen_parameters
 from aero_bayes.estimate.priors import LogNormal
 from aero_bayes.estimate.result import Fit
 from aero_bayes.estimate.simulate import choose_interpolation
@@ -40,14 +40,14 @@ from aero_bayes.simulation.interface import Outcome, Problem, Simulator
 from aero_bayes.simulation.model import Model
 
 
-def declared_overrides(model: Model) -> dict[str, Override]:
+def declared_overrides(model: Model) -> dict[str, ParameterSpec]:
     """Return priors, starts and bounds of the declared parameters that a model has; nothing for a model without any."""
     own = {v.name: v.start for v in model.parameters}
     declared = model.declared.parameters
     return {name: _override(name, start, declared[name]) for name in declared if (start := own.get(name)) is not None}
 
 
-def _override(name: str, start: float, known: DeclaredParameter) -> Override:
+def _override(name: str, start: float, known: DeclaredParameter) -> ParameterSpec:
     """Set bounds a factor below the smaller and above the larger of start and prior median."""
     if start <= 0.0:
         raise InputError(
@@ -59,7 +59,7 @@ def _override(name: str, start: float, known: DeclaredParameter) -> Override:
     else:
         prior = LogNormal.factor(median, known.factor)
     low, high = min(start, prior.median), max(start, prior.median)
-    return Override(start, low / known.reach, high * known.reach, prior, "log", known.auto)
+    return ParameterSpec(start, low / known.reach, high * known.reach, prior, "log", known.auto)
 
 
 #: The tolerances of the second run, as a share of the problem's own.
@@ -132,7 +132,7 @@ def fit(
     model : Model
     parameters : sequence of str, mapping or ParameterSet, optional
         What to search: names; or by name bounds ``(lower, upper)``, a value to start from, a prior, an
-        :class:`Override`, or ``{"values": [1, 2, 3]}``, each of which is fitted. By default what the
+        :class:`ParameterSpec`, or ``{"values": [1, 2, 3]}``, each of which is fitted. By default what the
         model's package declares.
     settings : FitSettings, optional
     seed : int

@@ -278,7 +278,7 @@ class ParameterSet:
 
 
 @dataclass(frozen=True)
-class Override:
+class ParameterSpec:
     """Start, bounds, prior or scale of a parameter in place of the model's own; None keeps the model's.
 
     Parameters
@@ -299,7 +299,7 @@ class Override:
 
     Examples
     --------
-    >>> parameters_from_model(model, overrides={"k": Override(start=40.0, lower=10.0)})["k"].lower
+    >>> parameters_from_model(model, overrides={"k": ParameterSpec(start=40.0, lower=10.0)})["k"].lower
     10.0
     """
 
@@ -316,27 +316,29 @@ class Override:
 
 #: How a caller may specify a parameter: not at all, by a start, by bounds, by a prior, by all of them, or by
 #: ``{"values": [...]}``.
-ParameterSpec = Override | Prior | tuple[float, float] | float | Mapping[str, Sequence[bool | int | float | str]] | None
+GivenParameter = (
+    ParameterSpec | Prior | tuple[float, float] | float | Mapping[str, Sequence[bool | int | float | str]] | None
+)
 #: Which parameters a caller searches.
-ChosenParameters = ParameterSet | str | Sequence[str] | Mapping[str, ParameterSpec]
+ChosenParameters = ParameterSet | str | Sequence[str] | Mapping[str, GivenParameter]
 
 
 def chosen_parameters(
     model: Model,
     chosen: ChosenParameters,
-    known: Mapping[str, Override],
+    known: Mapping[str, ParameterSpec],
 ) -> ParameterSet:
     """Return the parameters to search, as a caller names them."""
     if isinstance(chosen, ParameterSet):
         return chosen
     if not isinstance(chosen, Mapping):
         return parameters_from_model(model, names_of(chosen, "parameters"), known)
-    overrides = {name: _override(name, spec, known.get(name, Override())) for name, spec in chosen.items()}
+    overrides = {name: _override(name, spec, known.get(name, ParameterSpec())) for name, spec in chosen.items()}
     return parameters_from_model(model, tuple(overrides), overrides)
 
 
-def _override(name: str, spec: ParameterSpec, known: Override) -> Override:
-    if spec is None or isinstance(spec, Override):
+def _override(name: str, spec: GivenParameter, known: ParameterSpec) -> ParameterSpec:
+    if spec is None or isinstance(spec, ParameterSpec):
         return spec or known
     if isinstance(spec, int | float):
         return replace(known, start=float(spec))
@@ -344,12 +346,14 @@ def _override(name: str, spec: ParameterSpec, known: Override) -> Override:
         lower, upper = map(float, spec)
         return replace(known, lower=lower, upper=upper, scale=known.scale if lower > 0.0 else "linear")
     if not hasattr(spec, "log_pdf"):
-        raise InputError(f"parameters: {name}: expected (lower, upper), a start, a prior or an Override, got {spec!r}")
+        raise InputError(
+            f"parameters: {name}: expected (lower, upper), a start, a prior or a ParameterSpec, got {spec!r}"
+        )
     return replace(known, prior=cast(Prior, spec))
 
 
 def parameters_from_model(
-    model: Model, free: Sequence[str] | None = None, overrides: Mapping[str, Override] | None = None
+    model: Model, free: Sequence[str] | None = None, overrides: Mapping[str, ParameterSpec] | None = None
 ) -> ParameterSet:
     """Make parameters of a model, by name, with bounds and start from the model unless overridden.
 
@@ -358,7 +362,7 @@ def parameters_from_model(
     model : Model
     free : sequence of str, optional
         Which to search; by default those that ``overrides`` names.
-    overrides : mapping of str to Override
+    overrides : mapping of str to ParameterSpec
 
     Returns
     -------
@@ -381,7 +385,7 @@ def parameters_from_model(
     for name in free if free is not None else tuple(overrides):
         if name not in known:
             raise InputError(no_parameter_text(model, name))
-        variable, override = known[name], overrides.get(name, Override())
+        variable, override = known[name], overrides.get(name, ParameterSpec())
         start = first_given(override.start, variable.start, variable.nominal)
         if start is None:
             raise InputError(

@@ -17,7 +17,13 @@ from aero_bayes.errors import CannotFinishError, InputError
 from aero_bayes.estimate.calibration import Calibration, steps_taken, templates, with_step_budget
 from aero_bayes.estimate.fit import declared_overrides
 from aero_bayes.estimate.initial_states import screened
-from aero_bayes.estimate.parameters import Override, Parameter, ParameterSet, chosen_parameters, parameters_from_model
+from aero_bayes.estimate.parameters import (
+    Parameter,
+    ParameterSet,
+    ParameterSpec,
+    chosen_parameters,
+    parameters_from_model,
+)
 from aero_bayes.estimate.result import Fit
 from aero_bayes.files import ScratchFolder
 from aero_bayes.loop.decide import Decision, decide
@@ -30,9 +36,9 @@ from aero_bayes.loop.search import Control, Library, Search
 from aero_bayes.loop.table import Terms
 from aero_bayes.modelica.sources import main_class
 from aero_bayes.progress import Progress, watching
+from aero_bayes.simulation.function_model import FunctionModel
 from aero_bayes.simulation.interface import ParameterTarget
 from aero_bayes.simulation.model import Model, ModelicaSource
-from aero_bayes.simulation.python_model import PythonModel
 from aero_bayes.simulation.workers import WorkerPool
 from aero_bayes.structure.fmu_family import FmuFamily, FmuPlaces
 from aero_bayes.structure.law_places import CandidateFilter, LawPlaces
@@ -212,7 +218,7 @@ def _held_values(plain: Calibration, settings: LoopSettings) -> dict[str, Parame
 
 def _family(model: str | Path | Model | ModelicaSource, folder: Path, settings: LoopSettings) -> ModelicaFamily:
     """The model and its relatives."""
-    if isinstance(model, PythonModel):
+    if isinstance(model, FunctionModel):
         raise InputError(f"model {model.name} is a Python function: the loop extends Modelica, or an FMU")
     if isinstance(model, Model):
         model = model.source or model.path
@@ -249,7 +255,9 @@ def settings_of(fit: Fit, settings: LoopSettings) -> LoopSettings:
     )
     if settings.parameters is not None:
         known = {
-            p.name: Override(p.start, p.lower, p.upper, p.prior, p.scale, per_recording=p.per_recording, joint=p.joint)
+            p.name: ParameterSpec(
+                p.start, p.lower, p.upper, p.prior, p.scale, per_recording=p.per_recording, joint=p.joint
+            )
             for p in chosen
         }
         chosen = chosen_parameters(calibration.model, settings.parameters, known)

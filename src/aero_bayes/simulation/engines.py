@@ -14,6 +14,7 @@ from aero_bayes.arrays import FloatArray
 from aero_bayes.errors import InputError
 from aero_bayes.simulation.batches import Batches
 from aero_bayes.simulation.cosimulation_runs import CosimulationEngine
+from aero_bayes.simulation.function_model import FunctionModel, FunctionSimulator
 from aero_bayes.simulation.interface import (
     ClosedAtExit,
     DelayTarget,
@@ -33,7 +34,6 @@ from aero_bayes.simulation.problem_checks import (
     linear_signals,
     target_scale,
 )
-from aero_bayes.simulation.python_model import PythonModel, PythonSimulator
 from aero_bayes.simulation.workers import WorkerPool
 
 MAX_SUBSTEPS = 64
@@ -162,8 +162,8 @@ def open_simulator(
     """Open a simulator for a problem."""
     if problem.process is not None and (engine != "native" or problem.model.interface != "model exchange"):
         raise InputError(f"{problem.model.path}: process noise needs the native engine and an FMU with Model Exchange")
-    if isinstance(problem.model, PythonModel):
-        return PythonSimulator(problem)
+    if isinstance(problem.model, FunctionModel):
+        return FunctionSimulator(problem)
     if problem.model.interface == "co-simulation" and engine in ("native", "fmpy"):
         return CosimulationSimulator(problem, workers if pool is None else pool.size)
     if engine == "native":

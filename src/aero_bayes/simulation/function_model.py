@@ -32,7 +32,7 @@ Function = Callable[[Mapping[str, float], Mapping[str, Signal], FloatArray], Map
 
 
 @dataclass(frozen=True, init=False, repr=False)
-class PythonModel(Model):
+class FunctionModel(Model):
     """A model that is a Python function.
 
     It is fitted, sampled, predicted with and diagnosed as any model. It has no states and no equations that could be
@@ -55,7 +55,7 @@ class PythonModel(Model):
     --------
     >>> def decay(parameters, inputs, times):
     ...     return {"x": np.exp(-parameters["a"] * times)}
-    >>> aero_bayes.PythonModel(decay, parameters={"a": 1.0}, outputs=["x"])
+    >>> aero_bayes.FunctionModel(decay, parameters={"a": 1.0}, outputs=["x"])
     <Model decay: none -> x; 1 parameters, 0 states; Python>
     """
 
@@ -91,13 +91,13 @@ class PythonModel(Model):
         return super().__repr__().partition("; FMI")[0] + "; Python>"
 
 
-class PythonSimulator(SingleRuns):
+class FunctionSimulator(SingleRuns):
     """Runs a problem whose model is a Python function."""
 
     def __init__(self, problem: Problem) -> None:
         check_problem(problem)
         self.problem = problem
-        self._model = cast(PythonModel, problem.model)
+        self._model = cast(FunctionModel, problem.model)
         self._defaults = {v.name: v.start or 0.0 for v in self._model.parameters}
 
     def _run(self, number: int, values: FloatArray, settings: SolverSettings) -> tuple[FloatArray, Outcome]:
