@@ -240,6 +240,7 @@ def _details(run: RunDirectory) -> list[Part]:
         Parts("Priors, bounds and combinations of parameters", [
             prior_table(result.parameters),
             Markup("<h3>Combinations that the data determine</h3>") if determined else "", *determined,
+            Markup("<h3>Profile likelihoods</h3>") if known.profiles else "",
             *led("profiles", fit_figures.profile_plates(run)),
             f"Not profiled, because the time limit was reached: {untried}." if untried else "",
         ]),
