@@ -73,7 +73,7 @@ def test_posterior_recovers_the_bench(adequate: Path, tmp_path: Path) -> None:
     assert result["mcmc"]["r_hat_max"] <= 1.01
     assert result["mcmc"]["draws"] >= 20 * result["mcmc"]["tau"]
     assert result["verdict"]["level"] == "good"
-    for name, truth in (("R_a", TRUTH.R_a), ("K_sp", TRUTH.K_sp)):
+    for name, truth in (("R_a", TRUTH["R_a"]), ("K_sp", TRUTH["K_sp"])):
         entry = result["parameters"][name]
         assert abs(entry["value"] - truth) < 5.0 * entry["sd"], name
     assert result["parameters"]["J_s"]["status"] == "fixed"
