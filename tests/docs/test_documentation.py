@@ -8,6 +8,7 @@ import re
 import shutil
 import subprocess
 import sys
+from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
@@ -62,6 +63,8 @@ def test_the_tutorials_commands_find_the_friction(cart: Path):
     first, shown = loop.splitlines()
     assert first in "".join(blocks("docs/tutorial.md", "bash")).splitlines()
     assert others
+    if find_spec("ziglang") is None:  # the compiler for other machines
+        others = [command for command in others if "--platforms" not in command]
     for command in (shown, *others):
         done = typed(command, cart)
         assert done.returncode == 0, f"{command}\n{done.stderr}"
