@@ -10,6 +10,7 @@ from typing import Annotated, Any, Literal, TypeVar
 from pydantic import BaseModel, ConfigDict, Field, PrivateAttr, ValidationError
 
 from aero_bayes.errors import InputError
+from aero_bayes.modelica.sources import as_packages
 from aero_bayes.simulation.interface import Engine
 from aero_bayes.unknown_names import closest_name, no_such_file
 
@@ -67,7 +68,8 @@ class ModelSection(Section):
 class ColumnSection(Section):
     """``[data.columns.theta]``: where a signal stands in the file (else under its own name), and its unit there.
 
-    ``unwrap`` takes the jumps of a turn out of an angle that is recorded modulo one turn."""
+    ``unwrap`` takes the jumps of a turn out of an angle that is recorded modulo one turn. ``missing`` are values in the
+    file that stand for none: an output has a gap there, an input keeps the value before."""
 
     source: str | None = None
     unit: str | None = None
@@ -75,6 +77,7 @@ class ColumnSection(Section):
     offset: float = 0.0
     counts_per_revolution: Positive | None = None
     unwrap: bool = False
+    missing: tuple[float, ...] | None = None
 
 
 class DataSection(Section):
@@ -249,7 +252,7 @@ def resolve_paths(config: Config, folder: Path) -> Config:
     resolved = model.model_copy(
         update={
             "fmu": folder / model.fmu if model.fmu is not None else None,
-            "sources": tuple(folder / source for source in model.sources),
+            "sources": as_packages(folder / source for source in model.sources),
             "libraries": tuple(folder / library for library in model.libraries),
         }
     )

@@ -32,13 +32,16 @@ class ColumnSpec:
     """One column of a recording: its SI unit and its plausible values.
 
     ``largest`` bounds its absolute value. ``per_input`` bounds the ratio of its largest absolute value to that of the
-    first input, if that input reaches 1 in its unit. ``hints`` are likely mistakes behind a value beyond the bounds."""
+    first input, if that input reaches 1 in its unit. ``hints`` are likely mistakes behind a value beyond the bounds.
+    ``words`` name the only values that an enumeration or a switch has; another ``whole`` one has whole numbers only."""
 
     name: str = ""
     unit: str = ""
     largest: float = math.inf
     per_input: tuple[float, float] = (0.0, math.inf)
     hints: str = ""
+    words: Mapping[str, float] = field(default_factory=dict)
+    whole: bool = False
 
 
 @dataclass(frozen=True, config=_STRICT)

@@ -26,6 +26,8 @@ from aero_bayes.commands.job import (
     layout_of,
     open_job,
     recordings_of,
+    tell_findings,
+    tell_inputs,
     tell_notes,
     which_model,
 )
@@ -41,12 +43,13 @@ from aero_bayes.commands.loop import (
 )
 from aero_bayes.config import Config, ModelSection, load_config
 from aero_bayes.data.recording import Recording
+from aero_bayes.data.screen import screen_all
 from aero_bayes.display import join_names, parameter_lines
 from aero_bayes.errors import CannotFinishError, InputError
 from aero_bayes.estimate.calibrated_model import CalibratedModel
 from aero_bayes.estimate.crossvalidation import leave_one_recording_out
 from aero_bayes.estimate.fit import fit
-from aero_bayes.estimate.initial_states import check_plausible
+from aero_bayes.estimate.initial_states import check_plausible, screened
 from aero_bayes.estimate.other_tools import ValueTrial, trials_sentence
 from aero_bayes.estimate.residual_tests import check_residuals, reports_by_recording
 from aero_bayes.estimate.result import Fit
@@ -170,6 +173,8 @@ def run_check(files: Sequence[Path], config_path: Path | None, model_name: str |
     tell_notes(recordings)
     if model is not None:
         check_plausible(recordings, model)
+        tell_inputs(model, recordings)
+    tell_findings(screened(recordings, model) if model is not None else screen_all(recordings))
     click.echo("\n\n".join(str(recording.summary()) for recording in recordings))
 
 

@@ -28,7 +28,7 @@ from aero_bayes.files import write_whole
 from aero_bayes.modelica.class_reader import build_tree, read_library
 from aero_bayes.modelica.embedded import explicit_model
 from aero_bayes.modelica.parse import without_indices
-from aero_bayes.modelica.sources import main_class, modelica_files
+from aero_bayes.modelica.sources import as_packages, main_class, modelica_files
 from aero_bayes.modelica.units import TEMPERATURES, base_units, conversion, to_modelica_unit
 from aero_bayes.simulation.engines import open_simulator
 from aero_bayes.simulation.load_model import load_model
@@ -68,6 +68,7 @@ def run_init(source: Path, data: Path, out: Path, *, model: str | None = None, l
     for path in (source, data):
         if not path.exists():
             raise InputError(no_such_file(path))
+    (source,) = as_packages([source])
     is_fmu = source.suffix.lower() == ".fmu"
     name = source.stem if is_fmu else model or main_class(source)
     built = Model.load(source) if is_fmu else load_model(name, sources=[source], libraries=libraries)

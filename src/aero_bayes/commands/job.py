@@ -102,6 +102,8 @@ def open_job(files: Sequence[Path], options: RunOptions, *, tests: Sequence[Path
     if loop and model is not None and fmu is not None:
         if model.interface != "model exchange":
             raise InputError(f"{fmu}: the loop needs Model Exchange; this FMU has co-simulation only")
+        if other := next((v.name for v in model.inputs if v.kind != "real"), None):
+            raise InputError(f"{fmu}: the loop needs real inputs; {other} of this FMU is none: fit it")
         if without := without_units(model):
             click.echo(f"note: {without}", err=True)
     layout = layout_of(config, declared, model if not declared.systems or fmu is not None else None)
@@ -123,8 +125,8 @@ def open_job(files: Sequence[Path], options: RunOptions, *, tests: Sequence[Path
     read = (*recordings, *test_recordings)
     recordings, test_recordings = screened(recordings, model), screened(test_recordings, model)
     tell_notes(read)
-    for finding in dict.fromkeys(f for recording in (*recordings, *test_recordings) for f in recording.findings):
-        click.echo(f"note: {finding.sentence}", err=True)
+    tell_inputs(model, read)
+    tell_findings((*recordings, *test_recordings))
     options.out.mkdir(parents=True, exist_ok=True)
     return Job(options, config, name, fmu is None, model, recordings, test_recordings, parameters, fixed, read, values)
 
@@ -197,6 +199,24 @@ def tell_notes(recordings: Sequence[Recording]) -> None:
     """Print what of the files was not read, and how they were joined."""
     for note in dict.fromkeys(note for recording in recordings for note in recording.notes):
         click.echo(f"note: {note}", err=True)
+
+
+def tell_inputs(model: Model, recordings: Sequence[Recording]) -> None:
+    """Print what an FMU runs with besides what was recorded: its tool, and switches at their start values."""
+    if model.execution_tool:
+        tool = model.execution_tool
+        click.echo(f"note: {model.path.name} says that it needs {tool} to run; where runs fail, install it here, or "
+                   "export the model without", err=True)  # fmt: skip
+    for v in model.inputs:
+        if any(v.name not in recording.inputs for recording in recordings):
+            click.echo(f"note: no column is named for the input {v.name}: it stays at {v.start:g}, where the FMU "
+                       "starts it", err=True)  # fmt: skip
+
+
+def tell_findings(recordings: Sequence[Recording]) -> None:
+    """Print faults of readings."""
+    for finding in dict.fromkeys(finding for recording in recordings for finding in recording.findings):
+        click.echo(f"note: {finding.sentence}", err=True)
 
 
 def fit_parameters(model: Model, config: Config) -> ParameterSet:

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from aero_bayes.arrays import FloatArray
 from aero_bayes.errors import InputError
+from aero_bayes.modelica.units import TEMPERATURES, base_units, to_modelica_unit, unit_written_out
 
 if TYPE_CHECKING:
     import pandas
@@ -23,6 +25,8 @@ CLOCK = r"\d{1,3}:\d\d(:\d\d([.,]\d*)?)?( ?[AaPp][Mm])?"
 DATES = re.compile(rf"({DATE})([T ,]+{CLOCK})?(Z| ?[+-]\d\d:?\d\d)?")
 CLOCKS = re.compile(r"(\d{1,3}):([0-5]\d):([0-5]\d(?:[.,]\d*)?)")
 VALUE = re.compile(rf"{NUMBER}|[+-]?(nan|inf)|{CLOCK}|{DATES.pattern}", re.IGNORECASE)
+#: A number with something behind it that may be its unit: ``12.5 degC``, ``45%``; but ``3V3`` is a name.
+MEASURED = re.compile(rf"(?P<number>{NUMBER})(?P<unit>\s+([^\W\d_]|[%°]).*|([^\W\d_]|[%°])\D*)")
 #: Numbers with commas between thousands.
 THOUSANDS = re.compile(r"[+-]?\d{1,3}(,\d{3})+(\.\d*)?")
 #: What stands for no reading beside what pandas knows (NaN, N/A, null ...): loggers, German Excel, Visual C.
@@ -34,30 +38,59 @@ EPOCH_UNITS = ((1e18, 1e-9), (1e15, 1e-6), (1e12, 1e-3))
 EPOCH_RANGE = (0.98e9, 4.1e9)
 #: Days of a spreadsheet in the years 1990 to 2090, and the longest step that is taken for a share of a day.
 SPREADSHEET_DAYS, MAX_DAY_STEP = (32874.0, 69763.0), 1.0
+#: Share of the steps of time that run backwards where the newest row stands on top.
+MOSTLY_BACK = 0.9
 #: Where a cell stands: "FILE, row 7".
 Place = Callable[[int], str]
 
 
 def is_value(cell: str) -> bool:
     """Return whether a cell of text is a number, a date or a time rather than a word."""
-    return VALUE.fullmatch(cell) is not None
+    return VALUE.fullmatch(cell) is not None or bool(measured(cell)[1])
 
 
-def numbers_in(column: pandas.Series, place: Place, name: str) -> FloatArray:
-    """Convert cells of a column to numbers, NaN where one is empty."""
+def measured(cell: str) -> tuple[str, str]:
+    """Return a number without the unit behind it, and that unit; the cell and nothing where there is none."""
+    found = MEASURED.fullmatch(cell.strip(' "'))
+    unit = _unit(found["unit"].strip()) if found is not None else ""
+    return (found["number"], unit) if found is not None and unit else (cell, "")
+
+
+@lru_cache(maxsize=256)
+def _unit(text: str) -> str:
+    """Return a unit that is known; empty for another word."""
+    plain = to_modelica_unit(text)
+    return plain if plain in TEMPERATURES or base_units(plain or "?") else unit_written_out(text)
+
+
+def numbers_and_unit(
+    column: pandas.Series, place: Place, name: str, words: Mapping[str, float] | None = None
+) -> tuple[FloatArray, str]:
+    """Convert cells of a column to numbers, NaN where one is empty; return the unit behind all of them, too.
+
+    ``words`` are the names of some numbers."""
     import pandas
 
     if column.dtype.kind in "biuf":
-        return numbers(column, name)
+        return numbers(column, name), ""
     if column.dtype.kind in "mM":
         raise InputError(f"{place(0)}, column {name}: holds dates or durations, expected numbers")
-    cells = column.astype(object).map(_plain_cell)
-    found = np.asarray(pandas.to_numeric(cells, errors="coerce"), dtype=np.float64)
-    wrong = np.isnan(found) & cells.notna().to_numpy()
+    known = {word.casefold(): value for word, value in (words or {}).items()}
+    cells, unit = column.astype(object).map(_plain_cell), ""
+    if known:
+        cells = cells.map(lambda c: known.get(c.rpartition(".")[2].casefold(), c) if isinstance(c, str) else c)
+    found, there = np.asarray(pandas.to_numeric(cells, errors="coerce"), dtype=np.float64), cells.notna().to_numpy()
+    wrong = np.isnan(found) & there
+    if wrong.any() and (unit := measured(str(cells.iloc[int(np.argmax(there))]))[1]):
+        parts = [measured(str(cell)) for cell in cells]
+        plain = pandas.Series([_plain_cell(number) for number, _ in parts])
+        found = np.where(there, pandas.to_numeric(plain, errors="coerce"), np.nan)
+        wrong = (np.isnan(found) | np.array([own != unit for _, own in parts])) & there
     if wrong.any():
         row = int(np.argmax(wrong))
-        raise InputError(f"{place(row)}, column {name}: {str(cells.iloc[row])[:40]!r} is not a number")
-    return found
+        expected = f", expected {', '.join(words)}" if words else f", expected one in {unit}" if unit else ""
+        raise InputError(f"{place(row)}, column {name}: {str(cells.iloc[row])[:40]!r} is not a number{expected}")
+    return found, unit
 
 
 def _plain_cell(cell: Any) -> Any:
@@ -74,7 +107,7 @@ def _plain_cell(cell: Any) -> Any:
 
 
 def times_in(column: pandas.Series, place: Place, name: str) -> tuple[FloatArray, float]:
-    """Convert cells to times in s, and what was taken off them: times of day over midnight, dates from the first one.
+    """Convert cells to times in s, and what was taken off: times of day over midnight, dates from the earliest.
 
     A date without a zone is taken for universal time, which knows no hour twice."""
     if column.dtype.kind in "biufmM":
@@ -84,9 +117,14 @@ def times_in(column: pandas.Series, place: Place, name: str) -> tuple[FloatArray
     if all(clocks):
         parts = np.array([[float(p.replace(",", ".")) for p in c.groups()] for c in clocks if c])
         time = parts @ (3600.0, 60.0, 1.0)
-        return time + DAY * np.concatenate(([0.0], np.cumsum(np.diff(time) < -0.5 * DAY))), 0.0  # over midnight
+        turn = -1 if np.median(np.diff(time)) < 0.0 else 1  # the newest row first
+        days = np.concatenate(([0.0], np.cumsum(np.diff(time[::turn]) < -0.5 * DAY)))  # over midnight
+        return time + DAY * days[::turn], 0.0
     if (":" not in text[0] and not re.fullmatch(DATE, text[0])) or isinstance(column.iloc[0], int | float):
-        return numbers_in(column, place, name), 0.0
+        time, unit = numbers_and_unit(column, place, name)
+        if unit not in ("", "s"):
+            raise InputError(f"{place(0)}, column {name}: {text[0]!r} is in {unit}, expected plain numbers, or seconds")
+        return time, 0.0
     for row, cell in enumerate(text):
         if not DATES.fullmatch(cell):
             raise InputError(f"{place(row)}, column {name}: {cell[:40]!r} is not a number, a date like "
@@ -121,7 +159,7 @@ def seconds(times: Any) -> FloatArray:
 def instants(times: Any) -> tuple[FloatArray, float]:
     """Convert times of pandas or an array to s, and return what was taken off them.
 
-    Dates count from the first one, whatever their resolution and time zone; durations and numbers stay what they are.
+    Dates count from the earliest one, whatever resolution and time zone; durations and numbers stay what they are.
     """
     import pandas
 
@@ -140,8 +178,8 @@ def instants(times: Any) -> tuple[FloatArray, float]:
             pass  # refused below
     origin = 0.0
     if given.dtype.kind == "M":
-        origin = given.iloc[0].timestamp()
-        given = given - given.iloc[0]
+        origin = given.min().timestamp()
+        given = given - given.min()
     if given.dtype.kind == "m":
         given = given / pandas.Timedelta(seconds=1)
     return numbers(given, "time"), origin
@@ -155,6 +193,12 @@ def numbers(values: Any, where: str, name: str = "time") -> FloatArray:
         return np.asarray(values, dtype=np.float64)
     except (TypeError, ValueError):
         raise InputError(f"{where}: column {name} holds something else than numbers") from None
+
+
+def is_newest_first(time: FloatArray) -> bool:
+    """Return whether times run backwards from row to row, but for a few rows: the newest row stands on top."""
+    steps = np.diff(time)
+    return bool(np.sum(steps < 0.0) > MOSTLY_BACK * np.sum(steps != 0.0))
 
 
 def plain_seconds(time: FloatArray) -> tuple[FloatArray, float]:

@@ -81,7 +81,15 @@ def _check_rate(name: str, recording: Recording, layout: Layout) -> None:
 def _check_sizes(name: str, recording: Recording, layout: Layout, place: RowName) -> None:
     for quantity in (*layout.inputs, *layout.outputs):
         values = {**recording.inputs, **recording.outputs}.get(quantity.name)
-        if values is None or not isfinite(quantity.largest):
+        if values is None:
+            continue
+        known = [*quantity.words.values()] or np.rint(values)
+        wrong = np.flatnonzero(quantity.whole & np.isfinite(values) & ~np.isin(values, known))
+        if wrong.size:
+            row, named = int(wrong[0]), ", ".join(f"{value:g} ({word})" for word, value in quantity.words.items())
+            raise InputError(f"{name}, {place(row)}, column {quantity.name}: {values[row]:g}, expected "
+                             f"{f'one of {named}' if named else 'a whole number'}")  # fmt: skip
+        if not isfinite(quantity.largest):
             continue
         beyond = np.flatnonzero(np.abs(values) > quantity.largest)
         if beyond.size:

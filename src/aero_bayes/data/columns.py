@@ -128,7 +128,8 @@ def unwrapped(values: FloatArray, unit: str) -> FloatArray:
 class ColumnMap:
     """Where a signal is found in a file, and how it is converted to SI units.
 
-    The value in ``unit`` is ``(raw + offset) * scale``. It is then converted to the unit of the model."""
+    The value in ``unit`` is ``(raw + offset) * scale``. It is then converted to the unit of the model. ``missing`` are
+    raw values that stand for none; where it is not given, a constant before the first message is found by itself."""
 
     source: str
     unit: str | None = None
@@ -136,6 +137,7 @@ class ColumnMap:
     offset: float = 0.0
     counts_per_revolution: float | None = None
     unwrap: bool = False
+    missing: tuple[float, ...] | None = None
 
     def convert(self, values: FloatArray, column: str, expected: str) -> FloatArray:
         """Convert raw values to the unit ``expected``, or to SI if empty. InputError for another dimension."""
@@ -220,13 +222,27 @@ class Layout:
         """
         recording = (declared or (model.declared if model is not None else PackageDeclaration())).recording
         roles = (recording.inputs, model.inputs if model else ()), (recording.outputs, model.outputs if model else ())
-        known = {v.name: v.unit for _, variables in roles for v in variables} | dict(units or {})
+        variables = {v.name: v for _, own in roles for v in own}
+        known = {name: v.unit for name, v in variables.items()} | dict(units or {})
+
+        def column(name: str) -> ColumnSpec:
+            if (declared := {**recording.inputs, **recording.outputs}.get(name)) is not None:
+                return declared
+            variable = variables.get(name)
+            switch = (
+                {"false": 0.0, "true": 1.0, "off": 0.0, "on": 1.0}
+                if variable is not None and variable.kind == "boolean"
+                else {}
+            )
+            words = {**variable.items} if variable is not None and variable.items else switch
+            return ColumnSpec(
+                name, known.get(name, ""), words=words, whole=variable is not None and variable.kind != "real"
+            )
 
         def columns(names: Sequence[str] | None, role: int) -> tuple[ColumnSpec, ...]:
             usual = list(roles[role][0]) or [v.name for v in roles[role][1]]
             chosen = [name for name in usual if name not in (constants or {})] if names is None else names
-            declared = {**recording.inputs, **recording.outputs}
-            return tuple(declared.get(name) or ColumnSpec(name, known.get(name, "")) for name in chosen)
+            return tuple(map(column, chosen))
 
         return cls(columns(inputs, 0), columns(outputs, 1), recording.rates, dict(constants or {}))
 

@@ -14,13 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aero_bayes.arrays import FloatArray
-from aero_bayes.data.cells import plain_seconds
+from aero_bayes.data.cells import is_newest_first, plain_seconds
 from aero_bayes.data.checks import MIN_SAMPLES, check_recording
 from aero_bayes.data.columns import ColumnMap, Layout
 from aero_bayes.data.logs import log_source
 from aero_bayes.data.matlab import matlab_source
 from aero_bayes.data.recording import Recording
-from aero_bayes.data.screen import hide, with_steady_clock
+from aero_bayes.data.screen import from_first_message, hide, with_steady_clock
 from aero_bayes.data.source import Columns, Source, column_called, joined, read_columns, without_repeats
 from aero_bayes.data.tables import frame_source, text_source
 from aero_bayes.errors import InputError
@@ -138,6 +138,11 @@ def read_recordings(
             own = _at_rows(given, rows) if label else given
             found.append(asked.recording(f"{name} {label}" if label else name, parts, own))
         told = []
+        if len(short) == len(batches):
+            raise InputError(
+                f"{parts[0]}: each of its {len(short)} runs has fewer than {MIN_SAMPLES} rows, expected rows in the "
+                "order of time, or the column that names their run in [data] batch"
+            )
         if len(batches) > 1 and batch is None:
             parted = f"the time runs back to its start {len(batches) - 1} times; each part is a recording"
             told.append(f"{name}: {parted}, {name} 1 and so on")
@@ -279,7 +284,13 @@ class _Asked:
         if not file.is_file():
             raise InputError(f"{file}: is not a file")
         asked = {name: self.sources[name] for name in ("time", *names)}
-        given = read_columns(open_source(file), asked, ["time", *wanted], self.held, batch)
+        words = {quantity.name: quantity.words for quantity in (*self.layout.inputs, *self.layout.outputs)}
+        given = read_columns(open_source(file), asked, ["time", *wanted], self.held, batch, words)
+        if is_newest_first(given.columns["time"]):
+            told = f"{file.name}: the newest row stands first; read in the order of time"
+            last = given.first_row + given.columns["time"].size - 1
+            given = replace(_at_rows(given, np.arange(last - given.first_row, -1, -1)), first_row=-last)
+            given = replace(given, note="; ".join(filter(None, (given.note, told))))
         # without the rows that a simulator writes a second time at an event
         keep = without_repeats(given.columns, [name for name in self.held if name in given.columns])
         given = given if keep.all() else replace(_at_rows(given, np.flatnonzero(keep)), first_row=given.first_row)
@@ -290,7 +301,9 @@ class _Asked:
 
     def recording(self, name: str, files: Sequence[Path], given: Columns) -> Recording:
         """Return the checked recording of what a file gave, in the units of the layout."""
-        values = {n: self._in_unit(column, n, given.named) for n, column in given.columns.items()}
+        missing = {n: column.missing for n, column in self.maps.items()}
+        raw = {n: np.where(np.isin(v, missing.get(n) or ()), np.nan, v) for n, v in given.columns.items()}
+        values = {n: self._in_unit(column, n, given.named) for n, column in raw.items()}
         recording = Recording(
             name=name,
             time=values["time"],
@@ -307,7 +320,11 @@ class _Asked:
         for n, rows in given.bad.items():
             what = f"{int(rows.sum())} readings of {n} are marked as bad in its quality column."
             recording = hide(recording, n, rows, "quality", what)
-        check_recording(recording, self.layout, given.line)
+        first = recording.first_row
+        own = {n: v for n, v in raw.items() if n != "time" and missing.get(n) is None}
+        recording = from_first_message(recording, own, [n for n in self.held if missing.get(n)])
+        begin = abs(recording.first_row - first)
+        check_recording(recording, self.layout, lambda row: given.line(row + begin))
         return recording
 
     def _in_unit(self, values: FloatArray, name: str, named: Mapping[str, str]) -> FloatArray:

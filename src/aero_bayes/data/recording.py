@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from aero_bayes.arguments import names_of
 from aero_bayes.arrays import FloatArray
-from aero_bayes.data.cells import numbers, seconds
+from aero_bayes.data.cells import is_newest_first, numbers, seconds
 from aero_bayes.data.checks import check_recording
 from aero_bayes.data.find_table import DataFinding
 from aero_bayes.display import table_html
@@ -57,7 +57,8 @@ class Recording:
     part_of : str
         Name of the recording that it is a part of, where one was cut at a gap.
     first_row : int
-        Row of the file with the first sample, the first line being 1; 1 for arrays.
+        Row of the file with the first sample, the first line being 1; 1 for arrays; negative in a file with the newest
+        row first.
     cuts : tuple of int
         Samples at which a part begins anew, since the clock was set back before them.
     notes : tuple of str
@@ -161,6 +162,8 @@ class Recording:
             if list(frame.columns).count(column) > 1:
                 raise InputError(f"frame: column {column} appears more than once, expected once")
         time = seconds(frame["time"] if "time" in frame.columns else frame.index)
+        if is_newest_first(time):
+            frame, time = frame.iloc[::-1], time[::-1]
         given, measured = ({c: numbers(frame[c], name, c) for c in names} for names in roles)
         found = with_steady_clock(cls(name, time, given, measured, {"time": "s", **(units or {})}))
         check_recording(found)

@@ -233,6 +233,61 @@ def _jumps(seen: FloatArray, start: int, stop: int, usual: float) -> bool:
     return bool(min(before, after) > 10.0 * usual)
 
 
+#: Jump from a constant to the first message over the largest usual step.
+MIN_FIRST_JUMP = 8.0
+
+
+def from_first_message(recording: Recording, raw: Mapping[str, FloatArray], filled: Sequence[str]) -> Recording:
+    """Return the recording without the constants that a logger writes until a sensor's first message comes.
+
+    ``raw`` are columns as they stand in the file. Outputs have a gap there. The recording begins where every input is
+    known; ``filled`` are inputs with gaps in which the value before holds."""
+    first = 0
+    for name, values in raw.items():
+        own, is_input = {**recording.inputs, **recording.outputs}[name], name in recording.inputs
+        rows = int(np.argmax(values != values[0]))
+        if recording.units.get(name) != "K" or own[0] != 0.0:
+            # A command rests at zero by right.
+            others = {n: v for n, v in recording.inputs.items() if n != name}
+            rows = 0 if is_input and values[0] == 0.0 else _before_first_message(values, rows, others)
+        if not rows:
+            continue
+        role = f"values of the input {name}" if is_input else f"readings of {name}"
+        what = (
+            f"The first {rows} {role} are exactly {values[0]:.7g}, far off all others: its sensor has sent nothing yet."
+        )
+        keep = f"[data.columns.{name}] missing = [] would keep them."
+        mask = np.arange(recording.rows) < rows
+        if is_input:
+            first, done = max(first, rows), f"The recording begins behind them; {keep}"
+            recording = _told(recording, "sentinel", name, what, _where(recording, mask), done)
+        else:
+            recording = hide(recording, name, mask, "sentinel", what, f"They are not fitted; {keep}")
+    for name in filled:
+        there = np.flatnonzero(np.isfinite(recording.inputs[name]))
+        if there.size:
+            first = max(first, int(there[0]))
+            before = there[np.clip(np.searchsorted(there, np.arange(recording.rows), side="right") - 1, 0, None)]
+            recording = replace(recording, inputs={**recording.inputs, name: recording.inputs[name][before]})
+    return recording.rows_where(np.arange(recording.rows) >= first, recording.name) if first else recording
+
+
+def _before_first_message(values: FloatArray, rows: int, inputs: Mapping[str, FloatArray]) -> int:
+    """Return the number of rows at the beginning that hold a constant if it stands for no reading, else zero.
+
+    It is a known one, from which the readings jump farther than anywhere else, and never come back. A change of an
+    input there may be the jump's cause."""
+    rest = values[rows:][np.isfinite(values[rows:])]
+    if not rows or values[0] not in KNOWN_CONSTANTS or rest.size < max(MIN_SENTINEL_READINGS, rows):
+        return 0
+    if values[0] in rest or np.unique(rest).size < MIN_DISTINCT or (inputs and after_changes(inputs)[rows]):
+        return 0
+    steps = np.abs(np.diff(rest))
+    outside = max(float(rest.min() - values[0]), float(values[0] - rest.max()))
+    usual = float(np.quantile(steps[steps > 0.0], 0.95))
+    return rows if outside > np.ptp(rest) or abs(float(rest[0] - values[0])) > MIN_FIRST_JUMP * usual else 0
+
+
 def screen(recording: Recording) -> tuple[Recording, ...]:
     """Mend what is wrong with the readings of a recording.
 
@@ -270,8 +325,8 @@ def _where(recording: Recording, rows: Mask) -> str:
 
 
 def _numbers(recording: Recording, rows: Rows) -> str:
-    """Write the numbers of rows in the file."""
-    return runs_of((rows + recording.first_row).tolist())
+    """Write the numbers of rows in the file; in one with the newest row first they count back from the last."""
+    return runs_of(np.sort(np.abs(rows + recording.first_row)).tolist())
 
 
 def _with_possible_inputs(recording: Recording) -> Recording:

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aero_bayes.arrays import FloatArray
-from aero_bayes.data.cells import numbers_in, times_in
+from aero_bayes.data.cells import numbers_and_unit, times_in
 from aero_bayes.errors import InputError
 from aero_bayes.unknown_names import known_names_hint
 
@@ -147,17 +147,23 @@ def column_called(source: str, names: Iterable[str]) -> str | None:
 
 
 def read_columns(
-    source: Source, asked: Mapping[str, str], wanted: Collection[str], held: Collection[str], batch: str | None
+    source: Source,
+    asked: Mapping[str, str],
+    wanted: Collection[str],
+    held: Collection[str],
+    batch: str | None,
+    words: Mapping[str, Mapping[str, float]],
 ) -> Columns:
     """Read the columns that a recording asks for, at one time: what the file calls each, and which it must have.
 
-    ``held`` are the inputs, and ``batch`` is the column that names the run of each row."""
+    ``held`` are the inputs, ``batch`` is the column that names the run of each row, and ``words`` has the words that
+    stand for values of a signal."""
     with source.path.open("rb") as file:
         sha256 = hashlib.file_digest(file, "sha256").hexdigest()
     labels = [] if batch is None else [source.column(batch)]
     rows = _in_rows(source, asked)
     if rows is not None:
-        return replace(_of_rows(source, asked, wanted, held, (*rows, *labels)), sha256=sha256)
+        return replace(_of_rows(source, asked, wanted, held, (*rows, *labels), words), sha256=sha256)
     named = {n: c for n, name in asked.items() if (c := column_called(name, source.names)) is not None}
     if twice := next((c for c in named.values() if source.names.count(c) > 1), None):
         raise InputError(f"{source.where}: column {twice} appears {source.names.count(twice)} times, expected once")
@@ -174,7 +180,8 @@ def read_columns(
     cells = {n: found.columns[c] for n, c in named.items() if n != "time"}
     # a cell that is marked as bad may hold a word
     cells |= {n: cells[n].astype(object).mask(marked, None) for n, marked in bad.items() if cells[n].dtype.kind == "O"}
-    values = {n: numbers_in(column, place, asked[n]) for n, column in cells.items()}
+    read = {n: numbers_and_unit(column, place, asked[n], words.get(n)) for n, column in cells.items()}
+    values = {n: numbers for n, (numbers, _) in read.items()}
     if clocks and source.clocks:
         first, *others = (found.columns[clock] for clock in dict.fromkeys(clocks.values()))
         if all(first.equals(other) for other in others):
@@ -187,6 +194,7 @@ def read_columns(
     if not clocks:
         values["time"], origin = times_in(found.columns[named["time"]], place, asked["time"])
         run = found.columns[labels[0]].map(_label).tolist() if labels else None
+        named |= {n: _with_unit(named[n], unit) for n, (_, unit) in read.items() if unit}
         return Columns(values, sha256, named, found.line, found.first_row, bad, origin, run, found.note)
     times = {clock: times_in(found.columns[clock].dropna(), place, clock) for clock in dict.fromkeys(clocks.values())}
     begin, pairs = min(origin for _, origin in times.values()), {}
@@ -194,7 +202,13 @@ def read_columns(
         time, origin = times[clock]
         seen = np.where(bad.get(n, False), np.nan, values[n])[found.columns[clock].notna()]
         pairs[n] = time + (origin - begin), seen
+    named |= {n: _with_unit(named[n], unit) for n, (_, unit) in read.items() if unit}
     return Columns(joined(pairs, held), sha256, named, note=found.note, origin=begin)
+
+
+def _with_unit(called: str, unit: str) -> str:
+    """Return what a column is called with the unit behind its numbers."""
+    return f"{re.sub(r' .[^ ]*]$', '', called)} [{unit}]"
 
 
 def _clocks(source: Source, named: Mapping[str, str]) -> dict[str, str]:
@@ -268,7 +282,12 @@ def _is_numeric(column: pandas.Series) -> bool:
 
 
 def _of_rows(
-    source: Source, asked: Mapping[str, str], wanted: Collection[str], held: Collection[str], columns: Sequence[str]
+    source: Source,
+    asked: Mapping[str, str],
+    wanted: Collection[str],
+    held: Collection[str],
+    columns: Sequence[str],
+    words: Mapping[str, Mapping[str, float]],
 ) -> Columns:
     """Read signals from a table with one reading a row, at the union of their times.
 
@@ -280,6 +299,7 @@ def _of_rows(
     good = ~np.logical_or.reduce([np.zeros(time.size, dtype=bool), *(_bad(found.columns[c]) for c in about)])
     runs = found.columns[columns[3]].map(_label).to_numpy() if len(columns) > 3 else np.full(time.size, "")
     parts: dict[str, dict[str, FloatArray]] = {}
+    units: dict[str, str] = {}
     for run in dict.fromkeys(runs.tolist()):
         pairs = {}
         for name, called in ((n, c) for n, c in asked.items() if n != "time"):
@@ -289,7 +309,7 @@ def _of_rows(
                                  f"{known_names_hint(called, sorted(set(whose)))}")  # fmt: skip
             own = own[np.argsort(time[own], kind="stable")]
             place = found.place(source, own)
-            values = numbers_in(valued.iloc[own], place, called)
+            values, units[name] = numbers_and_unit(valued.iloc[own], place, called, words.get(name))
             twice = np.flatnonzero((np.diff(time[own]) == 0.0) & (np.diff(values) != 0.0))
             if twice.size:
                 raise InputError(f"{place(int(twice[0] + 1))}: a second reading of {called} for one time; if the "
@@ -299,7 +319,8 @@ def _of_rows(
     whole = {n: np.concatenate([part[n] for part in parts.values()]) for n in next(iter(parts.values()))}
     whole = {n: v for n, v in whole.items() if np.isfinite(v).any()}
     labels = [run for run, part in parts.items() for _ in part["time"]] if len(columns) > 3 else None
-    return Columns(whole, "", {n: asked[n] for n in whole}, origin=origin, batch=labels, note=found.note)
+    named = {n: _with_unit(asked[n], units[n]) if units.get(n) else asked[n] for n in whole}
+    return Columns(whole, "", named, origin=origin, batch=labels, note=found.note)
 
 
 def _words(column: pandas.Series) -> list[str]:

@@ -19,7 +19,7 @@ from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TextIO
 
-from aero_bayes.data.cells import DATE, NO_READING, NUMBER
+from aero_bayes.data.cells import DATE, NO_READING, NUMBER, measured
 from aero_bayes.data.find_table import COMMENTS, longest_run, told_width, with_header
 from aero_bayes.data.source import Cells, Source
 from aero_bayes.errors import InputError
@@ -194,6 +194,8 @@ def _cells(line: str, separator: str) -> list[str]:
 
 def _with_point(cell: str, thousands: bool) -> str:
     text = cell.strip(' "')
+    if unit := measured(text)[1]:
+        return f"{_with_point(measured(text)[0], thousands)} {unit}"
     if not re.fullmatch(NUMBER, text) or re.fullmatch(DATE, text):
         return cell
     return (text.replace(".", "") if thousands else text).replace(",", ".")

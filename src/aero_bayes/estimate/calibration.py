@@ -244,7 +244,8 @@ def calibrate(
     driven = {variable.name for variable in model.inputs}
     for recording in recordings:
         if unknown := [name for name in recording.inputs if name not in driven]:
-            raise InputError(f"{recording.name}: model {model.name} has no input {unknown[0]}")
+            other = ", which may be no array and no text" if model.causality_of(unknown[0]) == "input" else ""
+            raise InputError(f"{recording.name}: model {model.name} has no input {unknown[0]}{other}")
     outputs = _outputs(recordings, model, settings)
     if isinstance(settings.interpolation, Mapping):
         check_inputs(recordings, settings.interpolation, "interpolation")

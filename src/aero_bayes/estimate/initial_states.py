@@ -252,7 +252,8 @@ def screened(recordings: Sequence[Recording], model: Model) -> tuple[Recording, 
 
 
 def _check_inputs(recording: Recording, model: Model) -> None:
-    missing = [v.name for v in model.inputs if v.name not in recording.inputs]
+    # a switch that nobody recorded keeps the value at which the FMU starts
+    missing = [v.name for v in model.inputs if v.name not in recording.inputs and (v.kind == "real" or v.start is None)]
     if missing:
         path = recording.path
         there = column_names(path) if path is not None and path.is_file() else [*recording.inputs, *recording.outputs]

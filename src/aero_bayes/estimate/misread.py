@@ -143,7 +143,10 @@ def _told(fit: Fit, reading: _Reading, change: dict[str, tuple[float, float]]) -
 def _readings(fit: Fit) -> list[_Reading]:
     """List each channel with its sign turned and in each unit of its dimension, exchanged pairs, and clocks."""
     model, data = fit.calibration.model, fit.calibration.data
-    inputs, outputs = [v for v in model.inputs], [v for v in model.outputs if v.name in data.outputs]
+    inputs, outputs = (
+        [v for v in model.inputs if v.kind == "real"],
+        [v for v in model.outputs if v.name in data.outputs],
+    )
     found = []
     for v in (*inputs, *outputs):
         if v.unit != "K":

@@ -23,6 +23,7 @@ from aero_bayes.modelica.library import (
     library_roots,
     needed_libraries,
 )
+from aero_bayes.modelica.sources import as_packages
 
 FLAGS = "--fmiFlags=s:cvode --fmuRuntimeDepends=modelica"
 DERIVATIVES = "-d=-disableDirectionalDerivatives "
@@ -159,7 +160,8 @@ def export_fmu(
     >>> aero_bayes.export_fmu("Rig", "Rig.fmu", sources="Rig.mo")
     PosixPath('Rig.fmu')
     """
-    out, sources, libraries = Path(out), paths_of(sources, "sources"), paths_of(libraries, "libraries")
+    out, sources = Path(out), as_packages(paths_of(sources, "sources"))
+    libraries = paths_of(libraries, "libraries")
     wanted = platforms_called(platforms)
 
     def attempt(one: Compiler) -> Path:

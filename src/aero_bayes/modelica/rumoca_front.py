@@ -21,6 +21,7 @@ from typing import Any
 import numpy as np
 import scipy  # imports its parts when they are first used
 
+from aero_bayes.display import join_names
 from aero_bayes.errors import InputError
 from aero_bayes.files import ScratchFolder, make_once
 from aero_bayes.modelica.classes import CLASS_WORDS, dotted_name
@@ -274,7 +275,8 @@ def load_flat(model: str, sources: Sequence[Path] = (), libraries: Sequence[Path
         files = copy_sources(root, sources)
         packages = needed_libraries(model, files, library_roots(libraries))
         own = files[len(rig_packages()) :]
-        added = [p for f in own for p in (f.parent.rglob("*.mo") if f.name == "package.mo" else [f])]
+        folders = {f: f.parent for f in own if f.name == "package.mo" and f.parent != root}
+        added = [p for f in own for p in (folders[f].rglob("*.mo") if f in folders else [f])]
         refuse_dropped(root, added)
         _normalise_units(added)
         words = {*model.split("."), *names_used_in(added)}
@@ -289,7 +291,7 @@ def load_flat(model: str, sources: Sequence[Path] = (), libraries: Sequence[Path
         except InputError as error:
             unequal = re.search(r"unbalanced model: (\d+) equations, (\d+) unknowns", str(error))
             told = _imbalance(model, root, files, links, unequal) if unequal else None
-            told = told or _no_such_class(model, root, added, packages)
+            told = told or _no_such_class(model, root, added, packages, sources)
             raise told or InputError(_with_semicolon(locate(str(error), model, root), added)) from None
 
 
@@ -328,7 +330,9 @@ def _longest(files: Sequence[Path], root: Path) -> str:
     return f"{file.relative_to(root)}:{line}"
 
 
-def _no_such_class(model: str, root: Path, own: Sequence[Path], libraries: Collection[str]) -> InputError | None:
+def _no_such_class(
+    model: str, root: Path, own: Sequence[Path], libraries: Collection[str], sources: Sequence[Path]
+) -> InputError | None:
     """Return what to say where the class is in none of the sources.
 
     None where it may be, or where they cannot be read."""
@@ -342,7 +346,7 @@ def _no_such_class(model: str, root: Path, own: Sequence[Path], libraries: Colle
         return None
     if not known:
         return InputError(f"{model}: no such class; name its file by [model] sources or --source")
-    place = " and ".join(dict.fromkeys(f.name for f in own)) or first
+    place = join_names(list(dict.fromkeys(Path(s).name for s in sources))) or first
     return InputError(f"{model}: no such class in {place}{known_names_hint(model, known)}")
 
 

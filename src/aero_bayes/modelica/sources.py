@@ -144,6 +144,21 @@ def sources_in(files: Iterable[Path]) -> Sources:
     return Sources({str(path): read_file(path, str(path)) for path in files})
 
 
+def as_packages(sources: Iterable[Path]) -> tuple[Path, ...]:
+    """Return sources with the folder of a whole library in place of a ``package.mo`` of it, as editors name it."""
+    return tuple(dict.fromkeys(_library_of(s) if s.name == "package.mo" and s.is_file() else s for s in sources))
+
+
+def _library_of(file: Path) -> Path:
+    """Return the outermost folder of a library; the file where that is not called as the package in it."""
+    found, folder = file, file.parent
+    while folder != found and (folder / file.name).is_file():
+        if not re.search(rf"\bpackage\s+{re.escape(folder.absolute().name)}\b", read_modelica_text(folder / file.name)):
+            break
+        found, folder = folder, folder.parent
+    return found
+
+
 def modelica_files(sources: Iterable[Path]) -> Iterator[Path]:
     """Yield the ``.mo`` files of files and package folders, in the order of ``package.order`` where there is one."""
     for source in sources:

@@ -27,7 +27,7 @@ from fmpy.fmi3 import FMU3Model, FMU3Slave
 
 from aero_bayes.arrays import FloatArray
 from aero_bayes.simulation.interface import InputSignal, Outcome, Problem
-from aero_bayes.simulation.model_description import ModelDescription
+from aero_bayes.simulation.model_description import ModelDescription, Variable
 from aero_bayes.simulation.problem_checks import linear_signals, parameters_of_run, signals_of_run, value_at
 from aero_bayes.simulation.worker_group import LoadError
 from aero_bayes.simulation.worker_main import JOB_WORDS, NOT_LOADED, SPENT
@@ -57,6 +57,9 @@ class _Fmi2Names:
     def getInteger(self, references: list[int]) -> Any:
         return self.getInt32(references)  # type: ignore[attr-defined]
 
+    def setInteger(self, references: list[int], values: list[int]) -> None:
+        self.setInt32(references, values)  # type: ignore[attr-defined]
+
     def newDiscreteStates(self) -> Any:
         return self.updateDiscreteStates()  # type: ignore[attr-defined]
 
@@ -73,6 +76,17 @@ class _Slave3(_Fmi2Names, FMU3Slave):  # type: ignore[misc]
         _, stop, early, reached = super().doStep(time, step)
         if stop or (early and reached < time + step):
             raise RuntimeError("the FMU ended the step early")
+
+
+def set_input(fmu: Any, variable: Variable, value: float) -> None:
+    """Set an input of any kind."""
+    reference = [variable.value_reference]
+    if variable.kind == "real":
+        fmu.setReal(reference, [value])
+    elif variable.kind == "boolean":
+        fmu.setBoolean(reference, [bool(round(value))])
+    else:
+        (fmu.setInteger if variable.kind == "integer" else fmu.setInt64)(reference, [round(value)])
 
 
 def open_fmu(model: ModelDescription, folder: Path) -> Any:
@@ -259,7 +273,7 @@ class CosimulationRuns:
 
     def _apply(self, fmu: Any, signals: tuple[InputSignal, ...], t: float, segment: float) -> None:
         for signal in signals:
-            fmu.setReal([self.problem.model.input(signal.name).value_reference], [value_at(signal, t, segment)])
+            set_input(fmu, self.problem.model.input(signal.name), value_at(signal, t, segment))
 
 
 class CosimulationEngine:

@@ -140,7 +140,8 @@ def _variables(root: Element, three: bool) -> list[_Row]:
         if three:
             if scalar.tag not in _OTHER_TYPES and (scalar.tag not in _KINDS or scalar.tag in ("Real", "Integer")):
                 raise ValueError(f"{scalar.tag} is no type of a variable")
-            plain = scalar.tag in ("Float64", "Int32", "Boolean") and scalar.find("Dimension") is None
+            known = ("Float64", "Int32", "Boolean", *(["Enumeration"] if scalar.get("causality") == "input" else []))
+            plain = scalar.tag in known and scalar.find("Dimension") is None
             own = scalar if plain else None
         else:
             own = next((inner for inner in scalar if inner.tag in _KINDS), None)
@@ -156,7 +157,12 @@ def _variable(scalar: Element, own: Element | None, types: Mapping[str, Element]
         return next((x for one in written if (x := _number(one, key)) is not None), None)
 
     kind: Kind = _KINDS[own.tag] if own is not None else "real"
-    usual = "discrete" if three and kind != "real" else "continuous"
+    items = {}
+    if own is not None and own.tag == "Enumeration":
+        kind = "enumeration" if three else "integer"
+        given = declared.iterfind("Item") if declared is not None else ()
+        items = {item.get("name", ""): float(item.get("value", "0")) for item in given}
+    usual = "discrete" if kind != "real" else "continuous"
     initial = scalar.get("initial", "exact" if not three and own is not None and own.get("start") is not None else "")
     return Variable(
         name=scalar.get("name", ""),
@@ -169,7 +175,8 @@ def _variable(scalar: Element, own: Element | None, types: Mapping[str, Element]
         value_reference=int(scalar.get("valueReference", "0")),
         kind=kind,
         settable_start=own is not None and initial in ("exact", "approx"),
-        discrete=scalar.get("variability", usual) == "discrete",
+        discrete=scalar.get("variability", usual) == "discrete" or (kind != "real" and own is not None),
+        items=items,
     )
 
 
@@ -253,7 +260,7 @@ def _picked(path: Path, structure: _Structure) -> dict[str, tuple[Variable, ...]
         if row.scalar.tag == "Clock" and causality == "input":
             raise InputError(f"{path}: {row.variable.name!r} is an input clock, which is not supported")
         varies = row.scalar.get("variability", "fixed" if structure.three else "continuous")
-        if row.own is None or causality not in pick or (causality != "output" and row.variable.kind != "real"):
+        if row.own is None or causality not in pick or (causality == "parameter" and row.variable.kind != "real"):
             continue
         if causality != "parameter" or varies in ("fixed", "tunable"):
             pick[causality].append(row.variable)
@@ -300,4 +307,5 @@ def _description(path: Path, root: Element, interface: Element, three: bool) -> 
         takes_any_step=exchange or is_true(interface, "canHandleVariableCommunicationStepSize"),
         interpolates_inputs=not exchange and is_true(interface, "canInterpolateInputs"),
         step_size=step_size(root, interface),
+        execution_tool=root.get("generationTool", "its tool") if is_true(interface, "needsExecutionTool") else "",
     )

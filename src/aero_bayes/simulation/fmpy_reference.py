@@ -19,7 +19,7 @@ from fmpy.sundials import CVodeSolver
 from aero_bayes.arrays import FloatArray
 from aero_bayes.errors import InputError
 from aero_bayes.files import ScratchFolder
-from aero_bayes.simulation.cosimulation_runs import open_fmu
+from aero_bayes.simulation.cosimulation_runs import open_fmu, set_input
 from aero_bayes.simulation.interface import InputSignal, Outcome, Problem, SolverSettings, StartTarget
 from aero_bayes.simulation.problem_checks import SingleRuns, check_problem, parameters_of_run, signals_of_run, value_at
 from aero_bayes.simulation.worker_group import LoadError
@@ -88,8 +88,7 @@ class FmpySimulator(SingleRuns):
 
     def _apply(self, signals: tuple[InputSignal, ...], t: float, segment: float) -> None:
         for signal in signals:
-            reference = self.problem.model.input(signal.name).value_reference
-            self._fmu.setReal([reference], [value_at(signal, t, segment)])
+            set_input(self._fmu, self.problem.model.input(signal.name), value_at(signal, t, segment))
 
     def _iterate(self) -> float:
         """Event iteration; the time of the next time event."""

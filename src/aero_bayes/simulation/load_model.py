@@ -15,7 +15,7 @@ from aero_bayes.errors import InputError
 from aero_bayes.files import ScratchFolder
 from aero_bayes.modelica.build import write_archive
 from aero_bayes.modelica.compilers import export_fmu
-from aero_bayes.modelica.sources import main_class
+from aero_bayes.modelica.sources import as_packages, main_class
 from aero_bayes.simulation.model import Model, ModelicaSource
 from aero_bayes.unknown_names import known_names_hint
 
@@ -71,8 +71,9 @@ def load_model(
     (path,) = paths_of((name,), "name")
     if path.suffix == ".fmu":
         return Model.load(path)
-    files = paths_of(sources, "sources")
+    files = as_packages(paths_of(sources, "sources"))
     if path.suffix == ".mo":
+        (path,) = as_packages([path])
         files, name = (path, *files), main_class(path)
     whole = (tuple(p.absolute() for p in paths) for paths in (files, paths_of(libraries, "libraries")))
     source = ModelicaSource(str(name), *whole)

@@ -122,6 +122,8 @@ class Model(ModelDescription):
         Whether co-simulation takes the slope of an input over a step beside its value.
     step_size : float, optional
         Communication step in s that the FMU proposes (``stepSize`` of its default experiment).
+    execution_tool : str
+        What has to be installed for the FMU to run, where it says so (``needsExecutionTool``).
     declared : PackageDeclaration
         What the package that it is from declares of its rigs.
     source : ModelicaSource, optional

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
 
@@ -14,7 +14,7 @@ from aero_bayes.simulation import archive
 
 BINARY_FOLDERS = {version: f"binaries/{folder}" for version, folder in this_machine().folders.items()}
 
-Kind = Literal["real", "integer", "boolean"]
+Kind = Literal["real", "integer", "boolean", "enumeration"]
 Interface = Literal["model exchange", "co-simulation", "python"]
 
 # OpenModelica's name of the state behind an output that is a state.
@@ -25,8 +25,9 @@ _OUTPUT_ALIAS = re.compile(r"(?:\$|_D_)outputAlias_(?P<output>.+)")
 class Variable:
     """A scalar of the model, in SI units as declared.
 
-    ``kind`` is ``real`` for everything but discrete outputs; ``settable_start`` tells whether the start value may be
-    set before initialisation, ``discrete`` whether the value may change at events only."""
+    ``kind`` is ``real`` for everything but discrete inputs and outputs (``enumeration`` in FMI 3.0 only), ``items`` has
+    the names of an enumeration's values; ``settable_start`` tells whether the start value may be set before
+    initialisation, ``discrete`` whether the value may change at events only."""
 
     name: str
     unit: str
@@ -39,6 +40,7 @@ class Variable:
     kind: Kind = "real"
     settable_start: bool = False
     discrete: bool = False
+    items: Mapping[str, float] = field(default_factory=dict)
 
 
 #: What an FMU of our own exporter says wrote it. It asks to be called after steps for importers only that move inputs
@@ -71,6 +73,7 @@ class ModelDescription:
     takes_any_step: bool = True
     interpolates_inputs: bool = False
     step_size: float | None = None
+    execution_tool: str = ""
 
     @property
     def units(self) -> dict[str, str]:

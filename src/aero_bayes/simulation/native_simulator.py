@@ -45,8 +45,8 @@ from aero_bayes.simulation.problem_checks import (
 )
 from aero_bayes.simulation.workers import WorkerPool
 
-_MAGIC = 0x4142535045430008
-_KINDS = {"real": 0, "integer": 1, "boolean": 2}
+_MAGIC = 0x4142535045430009
+_KINDS = {"real": 0, "integer": 1, "boolean": 2, "enumeration": 3}
 
 
 class _Writer:
@@ -103,7 +103,8 @@ def _write_experiment(
     )
     w.integer(len(experiment.inputs))
     for signal in experiment.inputs:
-        w.integer(model.input(signal.name).value_reference, int(signal.interpolation == "linear"))
+        variable = model.input(signal.name)
+        w.integer(variable.value_reference, int(signal.interpolation == "linear"), _KINDS[variable.kind])
         w.reals(signal.time)
         w.reals(signal.values)
     w.integers([model.state_index(name) for name in experiment.start])

@@ -56,7 +56,8 @@ def _run(
 
 
 def _inputs(model: ModelDescription, shift: float = 0.0) -> tuple[InputSignal, ...]:
-    return tuple(InputSignal(u.name, np.zeros(1), np.array([(u.start or 0.0) + shift])) for u in model.inputs)
+    moved = {u.name: (u.start or 0.0) + shift * (u.kind == "real") for u in model.inputs}
+    return tuple(InputSignal(name, np.zeros(1), np.array([value])) for name, value in moved.items())
 
 
 def verified_copies(model: ModelDescription) -> Mapping[str, int]:

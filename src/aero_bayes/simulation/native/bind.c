@@ -25,6 +25,8 @@ static int fmi2_bind(Fmu *f)
     fmu_symbol(f, "fmi2GetDirectionalDerivative", &f->directional);
     fmu_symbol(f, "fmi2GetInteger", &f->get_integer);
     fmu_symbol(f, "fmi2GetBoolean", &f->get_boolean);
+    fmu_symbol(f, "fmi2SetInteger", &f->set_integer);
+    fmu_symbol(f, "fmi2SetBoolean", &f->set_boolean);
     return bad;
 }
 

@@ -56,6 +56,7 @@ enum {
 typedef struct {
     fmi_reference reference;
     int linear; /* 0 hold, 1 linear */
+    int kind;   /* 0 real, 1 integer, 2 boolean, 3 integer of 64 bits */
     int64_t count;
     const double *time, *values;
     int64_t n_breaks; /* grid indices at which the signal breaks */
@@ -212,7 +213,7 @@ typedef struct Run {
     double *delay, *u_before; /* of each signal; its value before a jump */
     int64_t *cell;
     double *u0, *slope, u_time, *u_now; /* value and slope of each signal in this segment */
-    fmi_reference *u_reference;
+    fmi_reference *u_reference, *u_real; /* of each signal, and of the real ones */
     int any_slope, any_linear;
     Break *breaks;
     int64_t n_breaks, next_break;
@@ -260,6 +261,7 @@ void inputs_prepare(Run *);
 int inputs_pass(Run *, int *kink);
 void inputs_enter(Run *, double t);
 int inputs_apply(Run *, double t);
+int inputs_jump(Run *, double t);
 
 /* rodas.c */
 enum { STAGES = 8 };

@@ -18,6 +18,9 @@ typedef struct {
     int (*get_integer)(Instance, const fmi_reference *, size_t, int32_t *, size_t);
     int (*get_boolean)(Instance, const fmi_reference *, size_t, bool *, size_t);
     int (*set_real)(Instance, const fmi_reference *, size_t, const double *, size_t);
+    int (*set_integer)(Instance, const fmi_reference *, size_t, const int32_t *, size_t);
+    int (*set_boolean)(Instance, const fmi_reference *, size_t, const bool *, size_t);
+    int (*set_long)(Instance, const fmi_reference *, size_t, const int64_t *, size_t);
     int (*new_discrete)(Instance, bool *, bool *, bool *, bool *, bool *, double *);
     int (*completed)(Instance, bool, bool *, bool *);
     int (*set_time)(Instance, double);
@@ -79,6 +82,20 @@ VECTOR(get_nominals, double)
 VALUES(get_real, double)
 VALUES(set_real, const double)
 VALUES(get_integer, int)
+VALUES(set_integer, const int)
+
+#define ONE_BY_ONE(name, type) \
+    static int name(fmi_component c, const fmi_reference *vr, size_t n, const int *v) \
+    { \
+        int status = FMI_OK; \
+        for (size_t i = 0; i < n && !is_error(status); i++) { \
+            const type one = (type)v[i]; \
+            status = ((Three *)c)->name(((Three *)c)->instance, vr + i, 1, &one, 1); \
+        } \
+        return status; \
+    }
+ONE_BY_ONE(set_boolean, bool)
+ONE_BY_ONE(set_long, int64_t)
 
 static int get_boolean(fmi_component c, const fmi_reference *vr, size_t n, int *v)
 {
@@ -135,6 +152,9 @@ int fmi3_bind(Fmu *f)
     FIND(get_integer, "GetInt32");
     FIND(get_boolean, "GetBoolean");
     FIND(set_real, "SetFloat64");
+    FIND(set_integer, "SetInt32");
+    FIND(set_boolean, "SetBoolean");
+    FIND(set_long, "SetInt64");
     FIND(new_discrete, "UpdateDiscreteStates");
     FIND(get_derivatives, "GetContinuousStateDerivatives");
 #undef FIND

@@ -219,7 +219,7 @@ int initialise(Run *r)
     inputs_prepare(r);
     TRY(f->setup(f->instance, 0, 0.0, r->t, 0, 0.0));
     if (count) TRY(f->set_real(f->instance, r->start_reference, count, r->start_value));
-    if (e->n_signals) TRY(inputs_apply(r, r->t));
+    if (e->n_signals) TRY(inputs_jump(r, r->t));
     TRY(f->enter_initialization(f->instance));
     TRY(f->exit_initialization(f->instance));
     TRY(event_iterate(r));

@@ -59,6 +59,9 @@ typedef struct Fmu {
     int (*get_integer)(fmi_component, const fmi_reference *, size_t, int *);
     int (*get_boolean)(fmi_component, const fmi_reference *, size_t, fmi_boolean *);
     int (*set_real)(fmi_component, const fmi_reference *, size_t, const double *);
+    int (*set_integer)(fmi_component, const fmi_reference *, size_t, const int *);
+    int (*set_boolean)(fmi_component, const fmi_reference *, size_t, const fmi_boolean *);
+    int (*set_long)(fmi_component, const fmi_reference *, size_t, const int *); /* enumerations of FMI 3.0 */
     int (*new_discrete)(fmi_component, fmi_event_info *);
     int (*completed)(fmi_component, fmi_boolean, fmi_boolean *, fmi_boolean *);
     int (*set_time)(fmi_component, double);

@@ -81,9 +81,31 @@ void inputs_enter(Run *r, double t)
     }
 }
 
+static double input_at(const Run *r, int i, double t) { return r->u0[i] + r->slope[i] * (t - r->u_time); }
+
+/* Real inputs, which may move at any time. */
 int inputs_apply(Run *r, double t)
 {
-    const int count = r->e->n_signals;
-    for (int i = 0; i < count; i++) r->u_now[i] = r->u0[i] + r->slope[i] * (t - r->u_time);
-    return r->fmu->set_real(r->fmu->instance, r->u_reference, (size_t)count, r->u_now);
+    size_t count = 0;
+    for (int i = 0; i < r->e->n_signals; i++) {
+        if (r->e->signals[i].kind) continue;
+        r->u_real[count] = r->u_reference[i];
+        r->u_now[count++] = input_at(r, i, t);
+    }
+    return count ? r->fmu->set_real(r->fmu->instance, r->u_real, count, r->u_now) : FMI_OK;
+}
+
+/* All inputs, at an event or before the start: others than real ones may change there only. */
+int inputs_jump(Run *r, double t)
+{
+    Fmu *f = r->fmu;
+    int status = inputs_apply(r, t);
+    for (int i = 0; i < r->e->n_signals && !is_error(status); i++) {
+        const int kind = r->e->signals[i].kind, whole = (int)lround(input_at(r, i, t));
+        if (!kind) continue;
+        int (*set)(fmi_component, const fmi_reference *, size_t, const int *) =
+            kind == 1 ? f->set_integer : kind == 2 ? f->set_boolean : f->set_long;
+        status = set ? set(f->instance, &r->u_reference[i], 1, &whole) : FMI_ERROR;
+    }
+    return status;
 }

@@ -6,7 +6,7 @@
 
 #include "lanes.h"
 
-#define SPEC_MAGIC 0x4142535045430008LL
+#define SPEC_MAGIC 0x4142535045430009LL
 
 typedef struct Owned {
     struct Owned *next;
@@ -144,6 +144,8 @@ static void read_experiment(Reader *r, Experiment *e, int64_t p)
         Signal *s = &e->signals[i];
         s->reference = (fmi_reference)integer(r);
         s->linear = (int)integer(r);
+        s->kind = (int)integer(r);
+        r->broken |= s->kind < 0 || s->kind > 3;
         s->time = array(r, -1, &s->count);
         s->values = array(r, s->count, NULL);
         r->broken |= s->count < 1;

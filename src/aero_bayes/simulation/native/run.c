@@ -33,7 +33,7 @@ static int enter_event(Run *r, int inputs_too)
     Fmu *f = r->fmu;
     int outcome;
     if ((outcome = outcome_of(r->fmu, f->enter_event(f->instance)))) return outcome;
-    if (inputs_too && (outcome = outcome_of(r->fmu, inputs_apply(r, r->t)))) return outcome;
+    if (inputs_too && (outcome = outcome_of(r->fmu, inputs_jump(r, r->t)))) return outcome;
     if ((outcome = outcome_of(r->fmu, event_iterate(r)))) return outcome;
     if ((outcome = outcome_of(r->fmu, f->enter_continuous(f->instance)))) return outcome;
     if (!r->n) return AB_OK;
@@ -91,7 +91,7 @@ static int cross_segment_end(Run *r, Segment *g)
         if ((outcome = enter_event(r, jump || kink))) return outcome;
         if (r->nz && is_error(status = indicators(r, r->t, r->x, r->z0))) return outcome_of(r->fmu, status);
     } else if (jump || kink) {
-        if (is_error(status = inputs_apply(r, r->t))) return outcome_of(r->fmu, status);
+        if (is_error(status = inputs_jump(r, r->t))) return outcome_of(r->fmu, status);
         g->have_node = 0;
     }
     if (events || jump) {

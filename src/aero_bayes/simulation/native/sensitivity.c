@@ -37,7 +37,7 @@ static void swap_jumps(Run *r, const Target *column)
 static int slope_before(Run *r, const Target *column, double *to)
 {
     swap_jumps(r, column);
-    int status = inputs_apply(r, r->t);
+    int status = inputs_jump(r, r->t);
     if (!is_error(status)) status = rhs(r, r->t, r->x, to);
     swap_jumps(r, column);
     return status;
@@ -67,7 +67,7 @@ int delay_jump(Run *r, int *have_f)
     }
     if (!moved || is_error(status)) return status;
     *have_f = 0;
-    return inputs_apply(r, r->t);
+    return inputs_jump(r, r->t);
 }
 
 /* An input that jumps at the first sample already moves its delay's column: x(t0) waits for it. */
@@ -84,7 +84,7 @@ static int delay_at_start(Run *r)
     }
     if (!any || !r->n) return FMI_OK;
     int status = slope_before(r, &all, r->f1);
-    if (!is_error(status)) status = inputs_apply(r, r->t);
+    if (!is_error(status)) status = inputs_jump(r, r->t);
     if (!is_error(status)) status = rhs(r, r->t, r->x, r->f);
     return is_error(status) ? status : delay_jump(r, &have_f);
 }

@@ -25,7 +25,7 @@ static void lay_out(Run *r, Arena *a)
     r->cell = PART(int64_t, inputs);
     r->u0 = REALS(inputs), r->slope = REALS(inputs), r->u_now = REALS(inputs);
     r->delay = REALS(inputs), r->u_before = REALS(inputs);
-    r->u_reference = PART(fmi_reference, inputs);
+    r->u_reference = PART(fmi_reference, inputs), r->u_real = PART(fmi_reference, inputs);
     r->breaks = PART(Break, e->n_breaks);
     r->column_target = PART(Target, q);
     r->s0 = REALS(n * q);
