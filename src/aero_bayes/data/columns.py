@@ -234,7 +234,7 @@ class Layout:
                 if variable is not None and variable.kind == "boolean"
                 else {}
             )
-            words = {**variable.items} if variable is not None and variable.items else switch
+            words = dict(variable.items) if variable is not None and variable.items else switch
             return ColumnSpec(
                 name, known.get(name, ""), words=words, whole=variable is not None and variable.kind != "real"
             )

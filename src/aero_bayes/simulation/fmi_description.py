@@ -157,11 +157,11 @@ def _variable(scalar: Element, own: Element | None, types: Mapping[str, Element]
         return next((x for one in written if (x := _number(one, key)) is not None), None)
 
     kind: Kind = _KINDS[own.tag] if own is not None else "real"
-    items = {}
+    items: tuple[tuple[str, float], ...] = ()
     if own is not None and own.tag == "Enumeration":
         kind = "enumeration" if three else "integer"
         given = declared.iterfind("Item") if declared is not None else ()
-        items = {item.get("name", ""): float(item.get("value", "0")) for item in given}
+        items = tuple((item.get("name", ""), float(item.get("value", "0"))) for item in given)
     usual = "discrete" if kind != "real" else "continuous"
     initial = scalar.get("initial", "exact" if not three and own is not None and own.get("start") is not None else "")
     return Variable(

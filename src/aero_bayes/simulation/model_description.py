@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
@@ -40,7 +40,7 @@ class Variable:
     kind: Kind = "real"
     settable_start: bool = False
     discrete: bool = False
-    items: Mapping[str, float] = field(default_factory=dict)
+    items: tuple[tuple[str, float], ...] = ()
 
 
 #: What an FMU of our own exporter says wrote it. It asks to be called after steps for importers only that move inputs
