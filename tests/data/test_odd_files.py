@@ -81,6 +81,10 @@ def test_values_that_the_user_calls_missing_are_none_and_a_rest_at_zero_is_kept(
         rows = [f"{t:.0f},{float(t >= step):.0f},{w:.4f}" for t, w in zip(TIMES, rest, strict=True)]
         path = written(tmp_path / "r.csv", rows, "time,u,w")
         assert np.isfinite(read_recording(path, layout=layout).outputs["w"]).all()
+    late = np.where(TIMES < 300.0, 0.0, 5.0 - 4.0 * np.exp(-(TIMES - 300.0) / 60.0))  # a delayed response to a step
+    rows = [f"{t:.0f},1,{w:.4f}" for t, w in zip(TIMES, late, strict=True)]
+    found = read_recording(written(tmp_path / "s.csv", rows, "time,u,w"), layout=layout)
+    assert np.isfinite(found.outputs["w"]).all()
     found = read_recording(path, {"w": ColumnMap("w", missing=(0.0,))}, layout=layout)
     assert np.isnan(found.outputs["w"]).sum() == np.sum(rest == 0.0)
     assert ColumnSection.model_validate({"missing": [0]}).missing == (0.0,)

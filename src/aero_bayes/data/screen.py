@@ -233,10 +233,6 @@ def _jumps(seen: FloatArray, start: int, stop: int, usual: float) -> bool:
     return bool(min(before, after) > 10.0 * usual)
 
 
-#: Jump from a constant to the first message over the largest usual step.
-MIN_FIRST_JUMP = 8.0
-
-
 def from_first_message(recording: Recording, raw: Mapping[str, FloatArray], filled: Sequence[str]) -> Recording:
     """Return the recording without the constants that a logger writes until a sensor's first message comes.
 
@@ -275,17 +271,15 @@ def from_first_message(recording: Recording, raw: Mapping[str, FloatArray], fill
 def _before_first_message(values: FloatArray, rows: int, inputs: Mapping[str, FloatArray]) -> int:
     """Return the number of rows at the beginning that hold a constant if it stands for no reading, else zero.
 
-    It is a known one, from which the readings jump farther than anywhere else, and never come back. A change of an
-    input there may be the jump's cause."""
+    It is a known one that is farther outside of all others than these range. A change of an input may be the cause of
+    the jump there, and a response to a step that began before has readings in between."""
     rest = values[rows:][np.isfinite(values[rows:])]
     if not rows or values[0] not in KNOWN_CONSTANTS or rest.size < max(MIN_SENTINEL_READINGS, rows):
         return 0
     if values[0] in rest or np.unique(rest).size < MIN_DISTINCT or (inputs and after_changes(inputs)[rows]):
         return 0
-    steps = np.abs(np.diff(rest))
     outside = max(float(rest.min() - values[0]), float(values[0] - rest.max()))
-    usual = float(np.quantile(steps[steps > 0.0], 0.95))
-    return rows if outside > np.ptp(rest) or abs(float(rest[0] - values[0])) > MIN_FIRST_JUMP * usual else 0
+    return rows if outside > np.ptp(rest) else 0
 
 
 def screen(recording: Recording) -> tuple[Recording, ...]:
