@@ -63,6 +63,7 @@ KEYS: Mapping[str, str] = {
     "data.columns.NAME.offset": "added to the raw value first",
     "data.columns.NAME.counts_per_revolution": "of the encoder, for the units `count` and `count/s`",
     "data.columns.NAME.unwrap": "an angle that is recorded modulo one turn: its jumps of a turn are taken out",
+    "data.columns.NAME.missing": "values in the file that stand for none: a gap in an output; an input holds",
     "parameters.NAME.free": "fitted, held, or `auto`: freed only if the data show it",
     "parameters.NAME.value": "start of the search; value of a parameter that is held (SI); "
     "`{light = 1.0, heavy = 2.5}`: known values by recording",

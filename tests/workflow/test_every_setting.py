@@ -66,6 +66,7 @@ VALUES: Mapping[str, tuple[Any, ...]] = {
     "data.columns.*.offset": (0.0, 1.0, {"data.columns.y": {"source": "y"}}),
     "data.columns.*.counts_per_revolution": (1024, 2048, {"data.columns.y": {"source": "y", "unit": "count"}}),
     "data.columns.*.unwrap": (False, True, {"data.columns.y": {"source": "y", "scale": 100.0}}),
+    "data.columns.*.missing": ([], [0.0], {"data.columns.y": {"source": "y"}}),
     "parameters.*.free": (True, False),
     "parameters.*.value": (1.0, 2.0),
     "parameters.*.values": ([1.0], [1.0, 2.0]),
