@@ -182,6 +182,7 @@ def read_columns(
     cells |= {n: cells[n].astype(object).mask(marked, None) for n, marked in bad.items() if cells[n].dtype.kind == "O"}
     read = {n: numbers_and_unit(column, place, asked[n], words.get(n)) for n, column in cells.items()}
     values = {n: numbers for n, (numbers, _) in read.items()}
+    named |= {n: _with_unit(named[n], unit) for n, (_, unit) in read.items() if unit}
     if clocks and source.clocks:
         first, *others = (found.columns[clock] for clock in dict.fromkeys(clocks.values()))
         if all(first.equals(other) for other in others):
@@ -194,7 +195,6 @@ def read_columns(
     if not clocks:
         values["time"], origin = times_in(found.columns[named["time"]], place, asked["time"])
         run = found.columns[labels[0]].map(_label).tolist() if labels else None
-        named |= {n: _with_unit(named[n], unit) for n, (_, unit) in read.items() if unit}
         return Columns(values, sha256, named, found.line, found.first_row, bad, origin, run, found.note)
     times = {clock: times_in(found.columns[clock].dropna(), place, clock) for clock in dict.fromkeys(clocks.values())}
     begin, pairs = min(origin for _, origin in times.values()), {}
@@ -202,7 +202,6 @@ def read_columns(
         time, origin = times[clock]
         seen = np.where(bad.get(n, False), np.nan, values[n])[found.columns[clock].notna()]
         pairs[n] = time + (origin - begin), seen
-    named |= {n: _with_unit(named[n], unit) for n, (_, unit) in read.items() if unit}
     return Columns(joined(pairs, held), sha256, named, note=found.note, origin=begin)
 
 

@@ -194,8 +194,9 @@ def _cells(line: str, separator: str) -> list[str]:
 
 def _with_point(cell: str, thousands: bool) -> str:
     text = cell.strip(' "')
-    if unit := measured(text)[1]:
-        return f"{_with_point(measured(text)[0], thousands)} {unit}"
+    number, unit = measured(text)
+    if unit:
+        return f"{_with_point(number, thousands)} {unit}"
     if not re.fullmatch(NUMBER, text) or re.fullmatch(DATE, text):
         return cell
     return (text.replace(".", "") if thousands else text).replace(",", ".")
