@@ -284,13 +284,13 @@ def settled(search: Search, unseen: Callable[[FittedModel], dict[str, float]], l
         if new := [k for k in decision.compared if not search.table.rows[k].refitted]:
             search.refit(new)
             continue
-        before = len(search.fits)
+        before = dict(search.fits)
         todo = [k for k in _parts(search, decision) if k not in search.completed]
         if not todo:
             break
         for part in todo:
             search.complete(decision.model, part)
-        if len(search.fits) == before and all(k in search.table.rows for k in todo):
+        if search.fits == before and all(k in search.table.rows for k in todo):
             break
     return _as_far_as_tried(search, decision)
 

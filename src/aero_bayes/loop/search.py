@@ -264,8 +264,8 @@ class Search:
     def complete(self, model: Terms, part: Terms) -> None:
         """Fit a part of a structure, and all that does nearly as well as what it lacks in its place."""
         self.completed.add(part)
-        if part not in self.fits:
-            self.keep({part: self.found(part, self.at_values(part, self.fits[model].values, part), WHOLE)})
+        # A fit of the part by itself may have ended in a local optimum that its values in the whole avoid.
+        self.keep({part: self.found(part, self.at_values(part, self.fits[model].values, part), WHOLE)})
         if part in self.fits and len(part) + 1 == len(model):
             self.extend(part, self.blocks.on_fitted(self.fits[model]) - 2.0 * math.log(MATERIAL))
 
