@@ -265,7 +265,9 @@ class Search:
         """Fit a part of a structure, and all that does nearly as well as what it lacks in its place."""
         self.completed.add(part)
         # A fit of the part by itself may have ended in a local optimum that its values in the whole avoid.
-        self.keep({part: self.found(part, self.at_values(part, self.fits[model].values, part), WHOLE)})
+        freed = {self.source.held[t].name for t in {*model} - {*part} if t in self.source.held}
+        values = {name: value for name, value in self.fits[model].values.items() if name not in freed}
+        self.keep({part: self.found(part, self.at_values(part, values, part), WHOLE)})
         if part in self.fits and len(part) + 1 == len(model):
             self.extend(part, self.blocks.on_fitted(self.fits[model]) - 2.0 * math.log(MATERIAL))
 
