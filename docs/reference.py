@@ -62,8 +62,12 @@ KEYS: Mapping[str, str] = {
     "data.columns.NAME.scale": "factor: the value is `(raw + offset) * scale`",
     "data.columns.NAME.offset": "added to the raw value first",
     "data.columns.NAME.counts_per_revolution": "of the encoder, for the units `count` and `count/s`",
-    "data.columns.NAME.unwrap": "an angle that is recorded modulo one turn: its jumps of a turn are taken out",
+    "data.columns.NAME.unwrap": "true for an angle that is recorded modulo one turn, or the value in the file at "
+    "which a counter rolls over: its jumps are taken out",
+    "data.columns.NAME.reset": "true for a counter that is reset: it goes on from what it had counted",
     "data.columns.NAME.missing": "values in the file that stand for none: a gap in an output; an input holds",
+    "data.columns.NAME.kind": "`mean` for means over an interval, as meters and energy loggers write them",
+    "data.columns.NAME.stamp": "of a mean: whether its interval ends at its time, or begins there",
     "parameters.NAME.free": "fitted, held, or `auto`: freed only if the data show it",
     "parameters.NAME.value": "start of the search; value of a parameter that is held (SI); "
     "`{light = 1.0, heavy = 2.5}`: known values by recording",

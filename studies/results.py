@@ -77,7 +77,7 @@ def readme(text: str, found: Mapping[str, Any] | None) -> str:
     lines = [(key, said(rows[key]), change(rows[key])) for key in SHOWN if key in rows]
     before, _, rest = text.partition(MARKS[0])
     _, _, after = rest.partition(MARKS[1])
-    table = markdown(("rig", "the model lacks", "error on unseen data"), lines)
+    table = markdown(("rig", "the model lacks", "error on test data"), lines)
     return before + MARKS[0] + "\n".join(table) + "\n" + MARKS[1] + after
 
 

@@ -25,10 +25,12 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from aero_bayes.commands.fleet import Rig, fleet
+    from aero_bayes.data.columns import ColumnMap
     from aero_bayes.data.read import read_recording
     from aero_bayes.data.recording import Recording
     from aero_bayes.errors import CannotFinishError, InputError
     from aero_bayes.estimate.fit import fit
+    from aero_bayes.estimate.initial_states import CalibrationSettings
     from aero_bayes.estimate.levenberg_marquardt import FitSettings
     from aero_bayes.estimate.parameters import ParameterSpec
     from aero_bayes.estimate.priors import LogNormal, LogUniform, Normal, Uniform
@@ -48,7 +50,9 @@ if TYPE_CHECKING:
     from aero_bayes.simulation.model import Model
 
 __all__ = [
+    "CalibrationSettings",
     "CannotFinishError",
+    "ColumnMap",
     "Fit",
     "FitSettings",
     "FunctionModel",
@@ -84,9 +88,10 @@ __all__ = [
 #: By file or room the names that are imported when first used (PEP 562), so that one command pays for one stage.
 _HOMES = {
     "commands.fleet": "Rig fleet",
-    "data": "Recording read_recording",
+    "data": "ColumnMap Recording read_recording",
     "errors": "CannotFinishError InputError",
     "estimate.fit": "fit",
+    "estimate.initial_states": "CalibrationSettings",
     "estimate.levenberg_marquardt": "FitSettings",
     "estimate.prediction": "RecordingPrediction",
     "estimate.parameters": "ParameterSpec",

@@ -55,7 +55,7 @@ class OneLineErrors(click.Group):
                 warnings.showwarning = _OneLineWarnings()
                 return super().invoke(ctx)
         except InputError as error:
-            click.echo(f"error: {error}", err=True)
+            click.echo(f"error: {error.configured}", err=True)
             ctx.exit(BAD_INPUT)
         except CannotFinishError as error:
             click.echo(f"could not finish: {error}", err=True)
@@ -146,7 +146,8 @@ def _with_state_of_folder(command: Command) -> Command:
         except (InputError, CannotFinishError) as error:
             result = options.out / RESULT
             if result.is_file():
-                raise type(error)(f"{error} ({result} is from an earlier run)") from None
+                told = error.configured if isinstance(error, InputError) else str(error)
+                raise type(error)(f"{told} ({result} is from an earlier run)") from None
             raise
         except KeyboardInterrupt:
             checkpoint = options.out / CHECKPOINT
@@ -216,15 +217,19 @@ def posterior_command(data: tuple[Path, ...], options: RunOptions) -> None:
     "--test",
     type=FILE,
     multiple=True,
-    help="Recording to test on.  [default: the last part of each training recording]",
+    help="Recording to test on: its first half validates, unless --validation is given.  "
+    "[default: the last part of each training recording]",
 )
+@click.option("--validation", type=FILE, multiple=True, help="Recording that confirms what training finds.")
 @click.option("--posterior", is_flag=True, help="Sample the posterior of the model that comes out, too.")
 @run_options
-def close_loop_command(train: tuple[Path, ...], test: tuple[Path, ...], options: RunOptions) -> None:
+def close_loop_command(
+    train: tuple[Path, ...], test: tuple[Path, ...], validation: tuple[Path, ...], options: RunOptions
+) -> None:
     """Find the effect that the model lacks, add it, refit, and report the error before and after."""
     from aero_bayes.commands.commands import run_close_loop
 
-    run_close_loop(train, test, options)
+    run_close_loop(train, test, options, validation)
 
 
 def _travel(context: click.Context, option: click.Parameter, given: tuple[str, ...]) -> dict[str, float]:
@@ -307,23 +312,28 @@ def report_command(directory: Path) -> None:
 
 @main.command("compare")
 @click.argument("directories", type=FOLDER, nargs=-1, required=True, metavar="DIR DIR [DIR ...]")
-@click.option("--out", type=FILE, default=Path("compare.html"), show_default=True, help="The page to write.")
+@click.option("--out", type=FILE, default=Path(), help="Folder for compare.html, or the page.  [default: this folder]")
 def compare_command(directories: tuple[Path, ...], out: Path) -> None:
     """Compare finished runs on one page: parameters, residuals, different settings."""
     from aero_bayes.report.compare import write_comparison
 
-    click.echo(f"wrote {write_comparison(directories, out)}")
+    page = out if out.suffix == ".html" else out / "compare.html"
+    page.parent.mkdir(parents=True, exist_ok=True)
+    click.echo(f"wrote {write_comparison(directories, page)}")
 
 
 @main.command("check")
-@click.argument("recordings", type=FILE, nargs=-1, required=True)
+@click.argument("recordings", type=FILE, nargs=-1)
+@click.option("--data", type=FILE, multiple=True, help="Recording, as fit takes it; may be given several times.")
 @click.option("--model", help="Modelica class or FMU file, where no configuration names one.")
 @click.option("--config", type=FILE, help="TOML file with the model and the mapping of columns.")
-def check_command(recordings: tuple[Path, ...], model: str | None, config: Path | None) -> None:
+def check_command(recordings: tuple[Path, ...], data: tuple[Path, ...], model: str | None, config: Path | None) -> None:
     """Read, check and summarise recordings."""
     from aero_bayes.commands.commands import run_check
 
-    run_check(recordings, config, model)
+    if not (given := (*recordings, *data)):
+        raise click.UsageError("name a recording, as by --data FILE")
+    run_check(given, config, model)
 
 
 @main.command("fleet")

@@ -68,16 +68,21 @@ class ModelSection(Section):
 class ColumnSection(Section):
     """``[data.columns.theta]``: where a signal stands in the file (else under its own name), and its unit there.
 
-    ``unwrap`` takes the jumps of a turn out of an angle that is recorded modulo one turn. ``missing`` are values in the
-    file that stand for none: an output has a gap there, an input keeps the value before."""
+    ``unwrap`` takes the jumps of a turn out of an angle that is recorded modulo one turn; a number, those of a counter
+    that rolls over at it. ``reset``: a counter that is reset goes on. ``missing`` are values in the
+    file that stand for none: an output has a gap there, an input keeps the value before. ``kind = "mean"`` is the mean
+    over the interval that ends at its time, or begins there: ``stamp``."""
 
     source: str | None = None
     unit: str | None = None
     scale: float = 1.0
     offset: float = 0.0
     counts_per_revolution: Positive | None = None
-    unwrap: bool = False
+    unwrap: bool | Positive = False
+    reset: bool = False
     missing: tuple[float, ...] | None = None
+    kind: Literal["instant", "mean"] = "instant"
+    stamp: Literal["beginning", "end"] = "end"
 
 
 class DataSection(Section):

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import MISSING, Field, fields
+from dataclasses import MISSING, Field, fields, is_dataclass
+from functools import cache
 from html import escape
-from typing import Any, Self
+from typing import Any, Self, get_args, get_type_hints
 
+from aero_bayes.arguments import is_of, named_type, shown
 from aero_bayes.errors import InputError
 from aero_bayes.unknown_names import known_names_hint
 
@@ -41,19 +43,25 @@ def parameter_lines(table: Mapping[str, Any]) -> list[str]:
     return ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows]
 
 
-def join_names(names: Sequence[str]) -> str:
+def join_names(names: Sequence[str], last: str = "and") -> str:
     """Return names in a sentence: ``a``, ``a and b``, ``a, b and c``."""
-    return " and ".join(filter(None, (", ".join(names[:-1]), *names[-1:])))
+    return f" {last} ".join(filter(None, (", ".join(names[:-1]), *names[-1:])))
 
 
 class SettingsDisplay:
-    """Settings show what was changed from the defaults, and refuse a name that is no setting."""
+    """Settings show what was changed from the defaults, and refuse a name that is none, and a value of another type."""
 
     def __new__(cls, *args: object, **given: object) -> Self:
         known = [f.name for f in fields(cls)]  # type: ignore[arg-type]
+        types = _types(cls)  # type: ignore[arg-type]
         for name in given:
             if name not in known:
-                raise InputError(f"{cls.__name__}: no setting {name!r}{known_names_hint(name, known)}")
+                place = _place(cls, name)
+                hint = f"; it is in {place}" if place else known_names_hint(name, known)
+                raise InputError(f"{cls.__name__}: no setting {name!r}{hint}")
+        for name, value in {**dict(zip(known, args, strict=False)), **given}.items():
+            if not is_of(value, types[name]):
+                raise InputError(f"{cls.__name__}: {name}: expected {named_type(types[name])}, got {shown(value)}")
         return super().__new__(cls)
 
     def _changed(self) -> list[tuple[str, object]]:
@@ -70,6 +78,23 @@ class SettingsDisplay:
             for f in fields(self)  # type: ignore[arg-type]
         ]
         return table_html(("setting", "value", ""), rows, type(self).__name__)
+
+
+@cache
+def _types(cls: Any) -> dict[str, Any]:
+    """Return the types of settings by name."""
+    return get_type_hints(cls)
+
+
+def _place(cls: type, name: str) -> str:
+    """Return how a setting that belongs to settings within these is given; empty where there is none."""
+    for own, hint in _types(cls).items():
+        for kind in (hint, *get_args(hint)):
+            if is_dataclass(kind) and isinstance(kind, type):
+                inner = f"{name}=..." if name in {f.name for f in fields(kind)} else _place(kind, name)
+                if inner:
+                    return f"{own}={kind.__name__}({inner})"
+    return ""
 
 
 def _default(field: Field[Any]) -> object:

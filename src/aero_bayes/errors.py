@@ -6,12 +6,19 @@ from __future__ import annotations
 class InputError(ValueError):
     """An input of the user is wrong (exit status 2). The message names what, where, and what was expected.
 
+    What to do is said as one does it in Python; ``configured`` has the message of the command line, where it is written
+    into the configuration.
+
     Examples
     --------
     >>> recording.slice(90.0, 100.0)
     Traceback (most recent call last):
     aero_bayes.errors.InputError: train: no sample between 90 s and 100 s (it runs from 0 s to 40 s)
     """
+
+    def __init__(self, message: str, configured: str = "") -> None:
+        super().__init__(message)
+        self.configured = configured or message
 
 
 class CannotFinishError(RuntimeError):

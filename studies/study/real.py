@@ -104,7 +104,7 @@ def judged(row: Row, known: Expectation) -> Row:
     every = [pattern for group in known.expected for pattern in group]
     right = [next((n for n, same in enumerate(names) if matches(same, group)), None) for group in known.expected]
     found = {n for n in right if n is not None}
-    rest = [n for n in range(len(names)) if n not in found and not matches(names[n], known.fine)]
+    rest = [n for n in range(len(names)) if n not in found and not matches(names[n], [*every, *known.fine])]
     ports = [f"*@{pattern.partition('@')[2]}" for pattern in every]
     there = [n for n in rest if matches(names[n], known.place)]
     there += [n for n in rest if effects[n].get("claim") == "place" and matches({f"@{effects[n]['port']}"}, ports)]
@@ -314,7 +314,7 @@ def term_table(found: Mapping[str, Any]) -> Told:
 REAL_RIGS = Study(
     "real_rigs",
     "The loop on measured recordings, which are not part of the project.",
-    case_tasks, LoopTask.close, case_summary, case_table, ("rig", "the model lacks", "verdict", "error on unseen data"),
+    case_tasks, LoopTask.close, case_summary, case_table, ("rig", "the model lacks", "verdict", "error on test data"),
 )  # fmt: skip
 REAL_TRIAL = Study(
     "real_trial",

@@ -14,12 +14,12 @@ from aero_bayes.estimate.local_fit import local_fit
 from aero_bayes.estimate.noise import OutputNoise, SampleTimes, autocorrelation, correlation_p_value
 from aero_bayes.estimate.noise_estimation import whiten
 from aero_bayes.estimate.objective import Objective, Series
+from aero_bayes.estimate.predict_recordings import rms_error
 from aero_bayes.estimate.residual_tests import (
     check_residuals,
     slow_variation_test,
     smooth_dependence_test,
 )
-from aero_bayes.loop.unseen import rms_error
 from aero_bayes.simulation.interface import InputSignal
 
 pytestmark = pytest.mark.fast
@@ -99,3 +99,19 @@ def test_an_input_that_a_controller_sets_by_the_reading_is_no_structure():
     )
     assert report.verdict == "adequate"
     assert report.tests["u"] > 1e-4
+
+
+@pytest.mark.parametrize(("digits", "exact"), [(12, True), (5, False)])
+def test_the_rounding_of_a_register_is_no_exact_agreement(digits: int, exact: bool):
+    """A sum that grows by 1000 is counted in steps of 1e-5: fine enough for the solver's error, and yet not exact."""
+    t = np.linspace(0.0, 10.0, 500)
+    y = np.round(100.0 * t + 3.0 * np.sin(t) * t, digits)[:, None]
+
+    def line(time: np.ndarray, v: np.ndarray) -> np.ndarray:
+        return (100.0 * time + v[0] * np.sin(time) * time)[:, None]
+
+    items = [closed_form.parameter("a", 2.9, 0.0, 9.0, Normal(3.0, 9.0, 0.0, 9.0))]
+    fit = closed_form.fitted(line, closed_form.calibration([(t, y)], ["y"], items))
+    (report,) = check_residuals(fit.calibration, fit.series, fit.optimum, {})
+    assert report.verdict == "adequate"
+    assert report.exact == exact

@@ -355,7 +355,7 @@ def test_signals_with_clocks_of_their_own_come_to_one_time(tmp_path: Path) -> No
         (lines("tag,time,value", lambda t, p, q, y: f"P,{t},{p}\nT,{t},{y}"), ("no reading of Q", "tag")),
         (
             lines("tag,time,value", lambda t, p, q, y: f"P,{t},{p}\nP,{t},{p + 1}\nQ,{t},{q}\nT,{t},{y}"),
-            ("row 3", "second reading of P", "batch"),
+            ("row 3", "second reading of P", "several runs"),
         ),
         (lines("#1\ndouble tab(41,4)", lambda *r: " ".join(map(str, r))), ("row 2", "tab", "expected 164")),
         (lines("LabVIEW Measurement\nSeparator\tTab\ntime\tP", lambda *r: "1\t2"), ("End_of_Header",)),

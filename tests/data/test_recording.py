@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from aero_bayes.data import Recording, to_experiment
+from aero_bayes.data import ColumnMap, Layout, Recording, read_recording, to_experiment
 from aero_bayes.errors import InputError
 
 pytestmark = pytest.mark.fast
@@ -19,6 +19,21 @@ def recording(volts: list[float], omega: list[float] | None = None, start: float
     if omega is not None:
         outputs["omega_m"] = np.array(omega)
     return Recording("r", start + np.arange(n) / 10.0, {"V_m": np.array(volts)}, outputs)
+
+
+def test_a_header_with_another_unit_than_the_given_one_is_asked_about(tmp_path) -> None:
+    path = tmp_path / "axis.csv"
+    path.write_text("time,x [mm],u\n" + "".join(f"{k},{k},{k}\n" for k in range(8)), encoding="utf-8")
+    layout = Layout.of(["u"], ["x"], {"x": "m", "u": "V"})
+
+    def notes(**column: object) -> tuple[str, ...]:
+        return read_recording(path, {"x": ColumnMap("x [mm]", **column)}, layout=layout).notes  # type: ignore[arg-type]
+
+    (asked,) = notes(unit="m")
+    assert "read in m" in asked
+    assert "header says mm" in asked
+    assert notes(unit="mm") == ()
+    assert notes(scale=1e-3) == ()
 
 
 def test_slice_split_and_holding_back() -> None:

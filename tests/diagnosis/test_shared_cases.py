@@ -244,3 +244,42 @@ def test_56_a_sensor_that_was_mounted_late_is_held_out_in_part(tmp_path: Path) -
     done = CliRunner().invoke(main, ["close-loop", "--workers", "1", "--quiet", *map(str, arguments)])
     assert done.exit_code == 0, done.output
     assert json.loads((tmp_path / "result.json").read_text())["loop"]["effects"] == []
+
+
+def test_62_a_gauge_for_absolute_pressure(tmp_path: Path) -> None:
+    result = fitted("62_gauge_and_celsius", "receiver.toml", "gauge.csv", tmp_path)
+    first = result["diagnosis"][0]
+    assert first["found"]
+    added = float(first["what"].split("with ")[1].split(" Pa")[0])
+    assert added == pytest.approx(101325.0, rel=0.005)
+    assert float(first["what"].split("k = ")[1].split(" ")[0]) == pytest.approx(1e-8, rel=0.005)
+
+
+def test_64_means_over_a_quarter_of_an_hour(tmp_path: Path) -> None:
+    first = fitted("64_interval_means", "rig.toml", "end.csv", tmp_path)["diagnosis"][0]
+    assert first["found"]
+    assert first["what"].startswith("P looks like a mean over the interval before")
+    assert float(first["what"].split("C = ")[1].split(" ")[0]) == pytest.approx(2.5e5, rel=0.01)
+
+
+def test_79_a_prior_that_the_data_contradict(tmp_path: Path) -> None:
+    first = fitted("79_prior_conflict", "rig.toml", "run.csv", tmp_path)["diagnosis"][0]
+    assert first["found"]
+    assert float(first["what"].split("m = ")[1].split(" ")[0]) == pytest.approx(1.5, rel=0.01)
+
+
+def test_81_a_thermostat_shows_ratios_only(tmp_path: Path) -> None:
+    result = fitted("81_switch_output", "T.toml", "run.csv", tmp_path)
+    assert any("common change" in sentence for sentence in result["identifiability"]["flat"])
+    for name, true in (("C", 3e4), ("G", 2.2), ("P", 130.0)):
+        own = result["parameters"][name]
+        assert own["status"] != "identified"
+        assert own["q05"] < true < own["q95"]
+
+
+def test_83_a_sensor_that_holds_its_value(tmp_path: Path) -> None:
+    result = fitted("83_held_output", "rig.toml", "run.csv", tmp_path)
+    assert result["parameters"]["T"]["q05"] < 1.2 < result["parameters"]["T"]["q95"]
+    assert result["parameters"]["K"]["value"] == pytest.approx(180.0, rel=0.01)
+    assert causes(result) == ["data"]
+    assert "0.5 s" in result["diagnosis"][0]["what"]

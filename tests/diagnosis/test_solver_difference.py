@@ -84,7 +84,7 @@ def test_a_tight_tolerance_is_clear_and_fits_the_truth(pendulum: aero_bayes.Mode
 
 
 def test_a_small_error_of_the_solver_does_not_explain_what_the_model_lacks(pendulum: aero_bayes.Model) -> None:
-    found = fitted(swing(drag=0.05), pendulum, 1e-2)
+    found = fitted(swing(drag=0.05), pendulum, 1e-3)
     assert found.diagnosis["model"].found
     assert found.diagnosis.explanation is None or found.diagnosis.explanation.cause != "solver"
 

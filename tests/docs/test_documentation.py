@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import ast
 import importlib
+import json
 import os
 import re
 import shutil
@@ -122,6 +124,34 @@ def test_the_library_page_runs(cart: Path):
     done = subprocess.run([sys.executable, "-c", script], cwd=cart, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     assert (cart / "loop.png").is_file()
+
+
+def test_what_the_pages_import_can_be_imported():
+    """Every name that a block of Python imports or takes from the package, and every class that the text calls."""
+    import aero_bayes
+
+    pages = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
+    scripts = {page: "\n".join(blocks(str(page.relative_to(ROOT)), "python")) for page in pages}
+    for notebook in sorted((ROOT / "examples").rglob("*.ipynb")):
+        cells = json.loads(notebook.read_text("utf-8"))["cells"]
+        code = "\n".join("".join(c["source"]) for c in cells if c["cell_type"] == "code")
+        scripts[notebook] = re.sub(r"^[!%].*$", "", code, flags=re.M)  # commands of the shell and of the notebook
+    asked = 0
+    for page, script in scripts.items():
+        for node in ast.walk(ast.parse(script)):
+            if isinstance(node, ast.ImportFrom) and str(node.module).partition(".")[0] == "aero_bayes":
+                for one in node.names:
+                    asked += 1
+                    assert hasattr(importlib.import_module(str(node.module)), one.name), (page, one.name)
+            own = isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name)
+            if own and node.value.id == "aero_bayes":
+                asked += 1
+                assert hasattr(aero_bayes, node.attr), (page, node.attr)
+        if page.suffix == ".md":
+            for name in re.findall(r"(?<![\w.])([A-Z]\w*(?:Settings|Map|Spec))\(", page.read_text("utf-8")):
+                asked += 1
+                assert name in aero_bayes.__all__, (page, name)
+    assert asked > 40
 
 
 def test_public_names_are_what_they_say_after_their_rooms_are_imported():

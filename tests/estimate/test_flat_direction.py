@@ -13,6 +13,7 @@ import aero_bayes
 from aero_bayes import FitSettings, Recording
 from aero_bayes.cli import main
 from aero_bayes.estimate import CalibrationSettings
+from aero_bayes.estimate.identifiability import assess
 from aero_bayes.simulation.engines import open_simulator
 from aero_bayes.simulation.interface import Experiment, InputSignal, Problem, SolverSettings
 
@@ -100,3 +101,11 @@ interpolation = "hold"\n[loop]\nlaws = ["cubic_stiffness"]\n[parameters]\n{free}
     members = [name for name in FREE if f"`{name}`" in sentence]
     assert {"R", "F_c", "J_l"} <= set(members)
     assert {result["parameters"][name]["status"] for name in members} == {"weak"}
+
+
+@pytest.mark.parametrize(("level", "told"), [(1e8, True), (1e12, False)])
+def test_a_common_change_that_no_value_moves_by_is_not_told(level: float, told: bool):
+    """As of a chaotic system, whose readings tell each value to a thousandth."""
+    information = level * np.array([[1.0, 1.0 - 1e-6], [1.0 - 1e-6, 1.0]])
+    found = assess(["a", "b"], np.array([2.0, 3.0]), [True, False], information, np.array([1.0, 10.0]))
+    assert bool(found.flat) == told

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from closed_form import calibration, fitted, parameter
 
-from aero_bayes.estimate import Uniform
+from aero_bayes.estimate import LogUniform, Uniform
 
 pytestmark = pytest.mark.fast
 T = np.linspace(0.0, 4.0, 120)
@@ -40,6 +40,25 @@ def test_where_the_model_bends_within_the_interval_it_is_told() -> None:
     assert "b" in found.failed_intervals
     assert "interval" in found.parameters["b"].note
     assert "interval" in found.summary()
+
+
+def test_a_rate_that_is_too_fast_for_the_sampling_has_a_lower_end_only() -> None:
+    rng = np.random.default_rng(7)
+    y = (2.0 * (1.0 - np.exp(-80.0 * (T + 0.05))) + 0.05 * rng.normal(size=T.size))[:, None]
+
+    def rise(t: np.ndarray, v: np.ndarray) -> np.ndarray:
+        return (v[0] * (1.0 - np.exp(-v[1] * (t + 0.05))))[:, None]
+
+    items = [
+        parameter("a", 1.0, -9.0, 9.0, Uniform(-9.0, 9.0)),
+        parameter("k", 10.0, 0.05, 1e5, LogUniform(0.05, 1e5), scale="log"),
+    ]
+    found = fitted(rise, calibration([(T, y)], ["y"], items)).parameters["k"]
+    assert "one-sided interval, > " in found.note
+    assert 5.0 < float(found.note.split("> ")[1].split(":")[0]) < 90.0
+    assert found.q05 is None
+    assert found.q95 is None
+    assert str(found.status) == "weak"
 
 
 def test_a_bend_that_is_small_over_the_interval_is_not() -> None:

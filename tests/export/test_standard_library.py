@@ -83,8 +83,9 @@ def test_a_library_that_is_missing_is_named(tmp_path, monkeypatch):
     monkeypatch.setattr("aero_bayes.modelica.library._OWN", ())
     monkeypatch.delenv("MODELICAPATH", raising=False)
     monkeypatch.delenv("OPENMODELICAHOME", raising=False)
-    with pytest.raises(InputError, match=r"needs the Modelica Standard Library.*--library"):
+    with pytest.raises(InputError, match=r"needs the Modelica Standard Library.*MODELICAPATH") as refused:
         export_fmu("MslModels.Heat1", tmp_path / "m.fmu", compiler="embedded", sources=[SOURCE])
+    assert "--library" in refused.value.configured
     with pytest.raises(InputError, match="no such folder of Modelica packages"):
         library_roots([tmp_path / "nowhere"])
 

@@ -64,3 +64,46 @@ def test_errors_of_changed_files_name_file_and_line(seed, modelica):
     except InputError as error:
         said = str(error)
     assert re.fullmatch(r"(Motor\.mo:\d+: .+)?", said)
+
+
+BUS = """package Wires
+  expandable connector Bus{members}
+  end Bus;
+  connector Out = output Real;
+  connector In = input Real;
+  model Source
+    Bus bus;
+    Out y = 2;
+  equation
+    connect(y, bus.v);
+  end Source;
+  model Sink
+    Bus bus;
+    In v;
+    Real x(start = 1, fixed = true);
+  equation
+    connect(bus.v, v);
+    der(x) = v - x;
+  end Sink;
+  model Wired
+    Source source;
+    Sink sink;
+  equation
+    connect(source.bus, sink.bus);
+  end Wired;
+end Wires;
+"""
+
+
+def test_an_expandable_connector_needs_its_members_declared(modelica):
+    with pytest.raises(InputError, match=r"^Wires\.mo:2: .*expandable.*declare"):
+        explicit_model("Wires.Wired", [modelica(BUS.format(members=""))])
+    assert explicit_model("Wires.Wired", [modelica(BUS.format(members=" Real v;"))]).states == ("sink.x",)
+
+
+def test_an_initial_algorithm_is_told_with_its_line(modelica):
+    text = "model Set\n  Real y;\ninitial algorithm\n  y := 2;\nequation\n  der(y) = -y;\nend Set;\n"
+    with pytest.raises(InputError, match=r"^Set\.mo:3: .*initial equation"):
+        explicit_model("Set", [modelica(text)])
+    way_out = text.replace("algorithm", "equation").replace(":=", "=")
+    assert explicit_model("Set", [modelica(way_out)]).states == ("y",)

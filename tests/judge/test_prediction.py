@@ -14,8 +14,8 @@ pytestmark = pytest.mark.fast
 
 def error(recording: str, output: str, before: float, after: float, verdict: str = "noise") -> SimpleNamespace:
     return SimpleNamespace(
-        recording=recording, role="test", output=output, before=before, after=after, begin=None, verdict=verdict,
-        noise_known=True, ratio=after / 0.1 if math.isfinite(after) else None,
+        recording=recording, role="test", output=output, before=before, after=after, begin=None, end=None,
+        verdict=verdict, noise_known=True, ratio=after / 0.1 if math.isfinite(after) else None,
     )  # fmt: skip
 
 

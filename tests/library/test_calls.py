@@ -94,7 +94,7 @@ MISTAKES: dict[str, tuple[Callable[[SimpleNamespace], object], str]] = {
     "fit without free parameters": (
         lambda c: aero_bayes.fit(c.recording, c.model, parameters=(), workers=0), "m, k, d",
     ),
-    "effects that are none": (lambda c: LoopSettings(effects=3), "effects: expected a str; got int 3"),
+    "effects that are none": (lambda c: LoopSettings(effects=3), "effects: expected names or None, got int 3"),
     "no model file": (lambda c: aero_bayes.load_model("none.mo"), "none.mo: no such file"),
     "no FMU": (lambda c: aero_bayes.load_model("none.fmu"), "none.fmu: no such file"),
     "a frame without the column": (
@@ -113,6 +113,49 @@ MISTAKES: dict[str, tuple[Callable[[SimpleNamespace], object], str]] = {
     "arrays of two lengths": (
         lambda c: Recording("short", [0, 1, 2], {"F": [1, 2]}, {}), "column F has shape (2,), expected (3,)",
     ),
+    "a frame that knows no times": (
+        lambda c: Recording.from_frame(
+            pd.DataFrame({"Zeit": [0.0, 0.5, 1.0, 1.5], "F": 1.0, "y": 1.0}), inputs="F", outputs="y"
+        ),
+        'give its times, as by frame.set_index("Zeit")',
+    ),
+    "a frame in a unit of something else": (
+        lambda c: aero_bayes.fit(
+            Recording.from_frame(c.recording.to_frame(), inputs="F", outputs="position", units={"position": "kg"}),
+            c.model, parameters="k",
+        ),
+        "column position: unit kg cannot become m",
+    ),
+    "a column by a number": (
+        lambda c: aero_bayes.read_recording("train.csv", {"F": 3}, model=c.model), "columns: F: expected a ColumnMap",
+    ),
+    "a file that is a frame": (
+        lambda c: aero_bayes.read_recording(c.recording.to_frame(), model=c.model), "path: expected paths",
+    ),
+    "a model by its file, to read": (
+        lambda c: aero_bayes.read_recording("train.csv", model="Rig.mo"), "model: expected a Model",
+    ),
+    "a recording without an input": (
+        lambda c: aero_bayes.fit(Recording("r", [0, 1, 2, 3], {}, {"position": range(4)}), c.model, parameters="k"),
+        "name it among the inputs that are read",
+    ),
+    "a fit with a dict": (
+        lambda c: aero_bayes.fit(c.recording, c.model, parameters="k", settings={"method": "local"}),
+        "settings: expected a FitSettings; got dict",
+    ),
+    "a setting elsewhere": (
+        lambda c: aero_bayes.FitSettings(initial_states="auto"),
+        "no setting 'initial_states'; it is in calibration=CalibrationSettings(initial_states=...)",
+    ),
+    "a setting of a setting's setting": (
+        lambda c: LoopSettings(initial_states="auto"), "fit=FitSettings(calibration=CalibrationSettings(initial_sta",
+    ),
+    "a choice that is none": (lambda c: aero_bayes.FitSettings(cost="least"), "expected 'posterior' or 'weighted'"),
+    "a number that is a word": (lambda c: aero_bayes.SampleSettings(draws="many"), "draws: expected a whole number"),
+    "settings as a dict": (
+        lambda c: aero_bayes.FitSettings(calibration={"delay": "none"}), "expected a CalibrationSettings, got dict",
+    ),
+    "a folder that is a number": (lambda c: aero_bayes.load_result(3), "directory: expected paths, got int 3"),
     "a number saved": (lambda c: aero_bayes.save(3, "three"), "expected a Fit, a Posterior, a LoopResult"),
     "a loop without a model": (lambda c: aero_bayes.close_loop(c.recording), "model: name a model"),
 }  # fmt: skip
@@ -126,3 +169,73 @@ def test_a_mistake_is_one_line_that_says_what_is_expected(mistake: str, cart: Si
     line = str(refused.value)
     assert words in line
     assert "\n" not in line
+    assert "[data" not in line
+    assert "--" not in line
+
+
+def test_a_frame_in_other_units_is_fitted_as_one_in_the_models(cart: SimpleNamespace):
+    """A unit that is said is enough: fit, prediction and simulation convert to the model's."""
+    frame = cart.recording.to_frame()
+    frame = pd.DataFrame({"time": 1e3 * frame.index, "F": frame["F"], "position": 1e3 * frame["position"].to_numpy()})
+    given = {"time": "ms", "position": "mm"}
+    recording = Recording.from_frame(frame, inputs="F", outputs="position", units=given)
+    settings = aero_bayes.FitSettings(method="local")
+    plain, converted = (
+        aero_bayes.fit(r, cart.model, parameters=["k", "d"], settings=settings, workers=0)
+        for r in (cart.recording, recording)
+    )
+    assert converted["k"].value == pytest.approx(plain["k"].value, rel=1e-6)
+    assert converted.calibration.data.recordings[0].units["position"] == "m"
+    assert converted.predict(recording, draws=20).rms == pytest.approx(plain.predict(cart.recording, draws=20).rms)
+    moved = [f.simulate(r).outputs["position"] for f, r in ((plain, cart.recording), (converted, recording))]
+    assert np.allclose(*moved, rtol=0.0, atol=1e-9)
+
+
+def test_a_run_that_is_opened_again_predicts_and_simulates_as_its_fit(
+    cart: SimpleNamespace, posterior: aero_bayes.Posterior, tmp_path: Path
+):
+    """From the folder alone: the FMU, values and their covariance stand there."""
+    run = aero_bayes.load_result(aero_bayes.save(cart.fit, tmp_path / "saved"))
+    for recording in (cart.recording, cart.test):
+        simulated = [one.simulate(recording).outputs["position"] for one in (run, cart.fit)]
+        assert np.allclose(*simulated, rtol=0.0, atol=1e-9)
+        told = [one.predict(recording, draws=30).to_frame().to_numpy() for one in (run, cart.fit)]
+        assert np.allclose(*told, rtol=1e-6, atol=1e-9)
+    stiffer = [one.simulate(cart.test, parameters={"k": 100.0}).outputs["position"] for one in (run, cart.fit)]
+    assert np.allclose(*stiffer, rtol=0.0, atol=1e-9)
+    assert not np.allclose(stiffer[0], simulated[0], atol=1e-3)
+    sampled = aero_bayes.load_result(aero_bayes.save(posterior, tmp_path / "sampled"))
+    told = [one.predict(cart.test, draws=30).to_frame().to_numpy() for one in (sampled, posterior)]
+    assert np.allclose(*told, rtol=1e-4, atol=1e-9)  # the file has draws in single precision at the least
+    (tmp_path / "saved" / "fit.npz").unlink()
+    with pytest.raises(InputError, match="cannot be run again"):
+        aero_bayes.load_result(tmp_path / "saved").predict(cart.test)
+
+
+def test_what_is_printed_says_first_whether_the_model_explains_the_data(cart: SimpleNamespace):
+    first = str(cart.fit).splitlines()[0]
+    assert first == cart.fit.verdict == cart.fit.summary().splitlines()[0]
+    assert cart.fit.diagnosis["model"].found == ("does not explain the recordings" in first)
+    assert cart.fit.diagnosis["model"].found  # the cart lacks friction
+    short = aero_bayes.SampleSettings(max_steps=20, max_rounds=1)
+    posterior = aero_bayes.sample(cart.fit, settings=short, workers=0)
+    said = str(posterior).splitlines()[0]
+    assert said.endswith(cart.fit.verdict)
+    assert said.startswith("The sampling has not converged") != posterior.converged
+
+
+def test_a_column_is_named_by_its_text_alone(cart: SimpleNamespace):
+    with contextlib.chdir(cart.folder):
+        frame = pd.read_csv("train.csv").rename(columns={"F": "Kraft"})
+        frame.to_csv("renamed.csv", index=False)
+        read = aero_bayes.read_recording("renamed.csv", {"F": "Kraft"}, model=cart.model)
+    assert np.array_equal(read.inputs["F"], cart.recording.inputs["F"])
+
+
+def test_what_is_to_be_done_is_said_in_the_callers_language(cart: SimpleNamespace):
+    """In Python a message speaks of arguments, on the command line of the configuration."""
+    bare = Recording("r", [0, 1, 2, 3], {}, {"position": range(4)})
+    with pytest.raises(InputError) as refused:
+        aero_bayes.fit(bare, cart.model, parameters="k")
+    assert "[data" not in str(refused.value)
+    assert "[data] constants = {F = ...}" in refused.value.configured

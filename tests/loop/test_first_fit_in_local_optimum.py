@@ -101,7 +101,7 @@ def test_what_a_first_fit_put_out_of_action_is_called_back(tmp_path):
     )
     assert [effect.id for effect in result.effects] == ["square_loss@x"]
     before, after = unseen(result)
-    assert before > 50.0 * 0.1
+    assert before > 20.0 * 0.1
     assert after < 1.3 * 0.1
     assert result.parameters["r"].value == pytest.approx(2e-4, rel=0.03)
     assert result.effects[0].parameters[0].value == pytest.approx(1e-5, rel=0.03)

@@ -223,11 +223,6 @@ def test_what_a_part_hands_on_is_a_port_where_nothing_comes_back(modelica):
 
 
 @pytest.mark.long
-@pytest.mark.xfail(
-    strict=True,
-    reason="the slope of a limit at size zero promises what no simulation confirms, so that its nominal sizes are not "
-    "tried beside the first model",
-)
 def test_a_limit_that_differs_by_side_is_found_as_one_law(modelica, tmp_path):
     source = modelica(CASCADE)
     settings = LoopSettings(

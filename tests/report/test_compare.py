@@ -66,6 +66,13 @@ def test_the_command_names_what_it_wrote(runs: Path, tmp_path: Path) -> None:
     assert str(out) in result.output.replace("\n", "")
 
 
+def test_a_folder_takes_the_page(runs: Path, tmp_path: Path) -> None:
+    out = tmp_path / "both"
+    result = CliRunner().invoke(main, ["compare", str(runs / "loop"), str(runs / "posterior"), "--out", str(out)])
+    assert result.exit_code == 0, result.output
+    assert (out / "compare.html").is_file()
+
+
 def test_runs_of_one_name_are_told_apart_and_one_run_alone_is_refused(runs: Path, tmp_path: Path) -> None:
     for name in ("a", "b"):
         (tmp_path / name / "run").mkdir(parents=True)

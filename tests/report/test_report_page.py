@@ -142,10 +142,10 @@ def test_the_finding_stands_first_then_the_numbers_then_the_picture(pages: dict[
     text = pages["loop"].partition("</style>")[2]
     places = [
         text.index(mark)
-        for mark in ("<nav", "lacks", 'class="verdict', "What is missing", "How we know", "unseen, not fitted", "<svg")
+        for mark in ("<nav", "lacks", 'class="verdict', "What is missing", "How we know", "unseen from", "<svg")
     ]  # fmt: skip
     assert places == sorted(places)
-    head = text[: text.index("unseen, not fitted")]
+    head = text[: text.index("unseen from")]
     assert all(label in head for label in (">before<", ">after<", ">noise<", "pivot_coulomb_friction"))
 
 
@@ -184,7 +184,7 @@ def test_the_head_says_how_far_the_error_falls_and_what_does_as_well(runs: Path,
     page = Page(page_of(tmp_path, result))
     text = (tmp_path / "report.html").read_text("utf-8")
     assert "88 ± 2" in text
-    assert any("other_law" in row and "+4" in row for row in page.rows)
+    assert any("other_law" in row and "larger" in row for row in page.rows)
     assert ("one of two effects" in text) == (claim == "one of")
 
 
@@ -229,7 +229,7 @@ def test_names_from_the_data_are_text_and_never_markup(runs: Path, pages: dict[s
     result = json.loads(
         text.replace('"train"', json.dumps(evil)).replace("pivot_coulomb_friction", "<img src=x onerror=y>")
     )
-    for row in (*result["recordings"], *result["loop"]["errors"]):
+    for row in (*result["recordings"], *result["loop"]["errors"], *result["loop"]["parts"]):
         row["role"] = "train"
     result["warnings"], result["command"] = [evil, f"`{evil}`"], evil
     result["parameters"]['"><b onclick="z'] = {"value": 1.0, "unit": "<i>", "description": evil, "prior": evil}

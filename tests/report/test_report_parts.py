@@ -13,11 +13,14 @@ import numpy as np
 import pytest
 
 from aero_bayes.estimate.noise import autocorrelation
+from aero_bayes.report import words
 from aero_bayes.report.drawing import Line, Panel, band_envelope, column_means, data_table, draw, envelope, nice_ticks
+from aero_bayes.report.findings import _beside_noise
 from aero_bayes.report.page import BITS, pack_series
 from aero_bayes.report.pairs import most_correlated
+from aero_bayes.report.schema_run import EffectJson, RecordingErrorJson
 from aero_bayes.report.svg import Canvas
-from aero_bayes.report.tables import html_table
+from aero_bayes.report.tables import html_table, parameter_table
 from aero_bayes.report.text import duration, pretty_unit, rounded_value, sentence, signed, significant, symbol, tidy
 
 pytestmark = pytest.mark.fast
@@ -112,6 +115,45 @@ def test_autocorrelation_of_a_first_order_process_decays_as_it_should() -> None:
 def test_quantities_carry_the_digits_their_interval_justifies(given: tuple, shown: tuple) -> None:
     found = rounded_value(*given)
     assert (found.value, found.low, found.high, found.unit) == shown
+
+
+def test_a_power_of_ten_stands_at_each_number_of_a_table() -> None:
+    found = rounded_value(3.4412e-6, 3.4e-6, 3.48e-6, "kg.m2").apart
+    assert (found.value, found.low, found.high) == ("3.441×10⁻⁶", "3.400×10⁻⁶", "3.480×10⁻⁶")
+    assert found.unit == "kg·m²"
+    plain = rounded_value(9.6021, 9.5861, 9.6189, "ohm")
+    assert plain.apart == plain
+
+
+def test_an_interval_that_is_not_even_is_written_by_its_ends_everywhere() -> None:
+    """At a bound half of a width would be another interval than that of the table."""
+    told = {"value": 0.003, "q05": 0.001, "q95": 0.089, "unit": "m/s", "status": "identified"}
+    held = {"value": 0.1, "q05": 0.05, "q95": 0.1, "unit": "m/s", "status": "at_bound"}
+    effect = EffectJson.model_validate(
+        {"id": "law@v", "port": "v", "kind": "catalogue", "parameters": {"v_s": told, "v_b": held}}
+    )
+    text = words.values(effect)
+    assert "±" not in text
+    low, high = (float(x) for x in re.search(r"\(([\d.]+) to ([\d.]+)\)", text).groups())
+    assert (low, high) == (0.001, 0.089)
+    assert "0.05" not in text.partition("v_b")[2]
+    table = str(parameter_table(effect.parameters))
+    assert f"{low:.3f}" in table
+    assert f"{high:.3f}" in table
+
+
+def test_a_ratio_to_a_noise_that_is_not_known_is_not_one() -> None:
+    """What was fitted is beside itself 1, whatever it is."""
+    error = {
+        "recording": "r", "role": "train", "output": "y", "after": 0.2, "noise": 0.2, "ratio": 1.0, "p_value": 1e-9,
+        "noise_known": False, "verdict": "structured",
+    }  # fmt: skip
+    told = {known: _beside_noise(RecordingErrorJson.model_validate(error | {"noise_known": known}))
+            for known in (True, False)}  # fmt: skip
+    assert told[True] == "1.00"
+    assert not any(digit in told[False] for digit in "0123456789")
+    on_test = RecordingErrorJson.model_validate(error | {"role": "test", "ratio": 2.0})
+    assert _beside_noise(on_test) == "2.00"
 
 
 @pytest.mark.parametrize(
@@ -286,6 +328,17 @@ def test_the_table_beside_a_figure_states_means_and_rms_of_equal_stretches() -> 
     assert len(rows) == 12
     assert [float(row[1]) for row in rows] == pytest.approx(range(12), abs=0.02)
     assert [float(row[2]) for row in rows] == pytest.approx([3.0] * 6 + [4.0] * 6, abs=0.05)
+
+
+def test_the_middle_of_an_even_range_is_zero_in_a_table() -> None:
+    """Seven twelfths of a range and less half of it are zero but for rounding."""
+    reach = next(r for r in np.linspace(0.1, 1.0, 500) if np.linspace(-r, r, 13)[6] != 0.0)
+    x = np.linspace(-reach, reach, 200)
+    table = str(data_table([Panel("y", (Line(x, x, "accent", label="left"),))], "x", "words"))
+    heads = re.findall(r'<th scope="row"[^>]*>([^<]*)</th>', table)
+    assert len(heads) == 12
+    assert heads[5].endswith("… 0")
+    assert heads[6].startswith("0 …")
 
 
 def test_a_panel_tells_the_script_where_its_data_are() -> None:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from test_left_out import PRIOR_SD, TIME, free, rows, study
+from test_folds import PRIOR_SD, TIME, free, rows, study
 
-from aero_bayes.loop.left_out import Blocks
+from aero_bayes.loop.folds import Folds
 from aero_bayes.loop.screen import Screen
 
 pytestmark = pytest.mark.fast
@@ -17,7 +17,7 @@ def screened(size):
     x = rows(TIME)
     y = x @ [1.0, 2.0, size] + 0.1 * np.random.default_rng(3).normal(size=TIME.size)
     fitted = study([TIME], [y[:, None]], lambda t, k: rows(t), [free(n) for n in "abc"], 2)[-1]
-    return x, y, Screen(fitted, fitted.model, "wave", Blocks.of(fitted)).run()
+    return x, y, Screen(fitted, fitted.model, "wave", Folds.of(fitted)).run()
 
 
 def ridge(x, y):

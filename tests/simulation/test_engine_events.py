@@ -143,3 +143,33 @@ def test_an_fmu_that_chatters_at_rest_ends_with_an_outcome(test_fmu, here, defin
         Outcome.OK,
     ]  # the second is still moving at the end
     assert spent < 2.0
+
+
+THERMOSTAT = """model Thermostat
+  parameter Real C = 3e4;
+  parameter Real G = 2.2;
+  parameter Real P = 130;
+  output Real T(start = 278, fixed = true);
+  output Boolean on(start = false, fixed = true);
+equation
+  on = T > 279 or pre(on) and T > 275;
+  C * der(T) = G * (295 - T) - (if on then P else 0);
+end Thermostat;
+"""
+
+
+def test_sensitivities_of_a_thermostat_show_ratios_only(tmp_path, here):
+    """A common change of all three moves nothing; no difference is taken over a switching, so that ``on`` has none."""
+    source = tmp_path / "Thermostat.mo"
+    source.write_text(THERMOSTAT, encoding="utf-8")
+    fmu = Model.load(export_fmu("Thermostat", tmp_path / "Thermostat.fmu", compiler="embedded", sources=[source]))
+    values = np.array([3e4, 2.2, 130.0])
+    targets = (ParameterTarget("C"), ParameterTarget("G"), ParameterTarget("P"))
+    problem = Problem(fmu, (Experiment(np.arange(0.0, 20000.0, 20.0), ("T", "on")),), (targets,))
+    found = ran(problem, here, values, active=[0, 1, 2])
+    assert found.sensitivities is not None
+    slopes = found.sensitivities[0][0] * values
+    assert np.ptp(found.outputs[0][0, :, 1]) == pytest.approx(1.0)
+    assert np.abs(slopes[:, 0]).max() > 10.0
+    assert np.abs(slopes[:, 0].sum(axis=1)).max() < 0.01
+    assert np.abs(slopes[:, 1]).max() < 1e-6

@@ -105,7 +105,7 @@ def draw(count: int) -> np.ndarray:
 @pytest.mark.parametrize("instructions", ["", "baseline"])
 @pytest.mark.parametrize(
     ("friction", "kind", "near"),
-    [("smooth", "held", 1e-9), ("smooth", "moving", 1e-9), ("smooth", "linear", 1e-8), ("kinks", "held", 1e-4)],
+    [("smooth", "held", 1e-9), ("smooth", "moving", 1e-8), ("smooth", "linear", 1e-8), ("kinks", "held", 1e-4)],
 )
 def test_lanes_give_what_the_other_method_gives(rigs, here, friction, kind, near, instructions, monkeypatch):
     monkeypatch.setenv("AERO_BAYES_INSTRUCTIONS", instructions)

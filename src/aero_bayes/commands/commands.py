@@ -53,6 +53,7 @@ from aero_bayes.estimate.initial_states import check_plausible, screened
 from aero_bayes.estimate.other_tools import ValueTrial, trials_sentence
 from aero_bayes.estimate.residual_tests import check_residuals, reports_by_recording
 from aero_bayes.estimate.result import Fit
+from aero_bayes.estimate.stored_fit import store
 from aero_bayes.loop.result import LoopResult
 from aero_bayes.modelica.library import declaration_of
 from aero_bayes.plain import plain
@@ -121,10 +122,12 @@ def run_fit(files: Sequence[Path], options: RunOptions) -> RunJson:
         return _finish(job, command, began, [result, checks], series, found, _calibrated(job, found))
 
 
-def run_close_loop(train: Sequence[Path], test: Sequence[Path], options: RunOptions) -> RunJson:
+def run_close_loop(
+    train: Sequence[Path], test: Sequence[Path], options: RunOptions, validation: Sequence[Path] = ()
+) -> RunJson:
     """Run ``aero-bayes close-loop``: find the effect that the model lacks, and the error before and after."""
     began = time.perf_counter()
-    job = open_job(train, options, tests=test, loop=True)
+    job = open_job(train, options, tests=test, validation=validation, loop=True)
     with resumable(job, "close-loop") as checkpoint:
         values: Json = {}
         with ProgressBar(options.quiet) as progress:
@@ -157,7 +160,7 @@ def run_all(files: Sequence[Path], tests: Sequence[Path], options: RunOptions) -
         parts = [result, checks]
         if loop is not None:
             story = loop_part(job, loop)
-            series = loop_series(loop) | measured_series(job.tests) | series
+            series = loop_series(loop) | measured_series((*job.validation, *job.tests)) | series
             parts.append({key: story[key] for key in ("loop", "words")})
         return _finish(final, "all", began, parts, series, found, _calibrated(final, found))
 
@@ -221,7 +224,7 @@ def _checks(job: Job, found: Fit, progress: ProgressBar) -> Json:
 
 def preamble(job: Job, command: str) -> Json:
     """Return the keys that every result.json starts with."""
-    recordings = (*job.recordings, *job.tests)
+    recordings = (*job.recordings, *job.validation, *job.tests)
     units = {name: unit for recording in recordings for name, unit in recording.units.items()}
     return {
         "schema": SCHEMA,
@@ -239,6 +242,7 @@ def preamble(job: Job, command: str) -> Json:
         },
         "recordings": [
             *(recording_row(recording, "train") for recording in job.recordings),
+            *(recording_row(recording, "validation") for recording in job.validation),
             *(recording_row(recording, "test") for recording in job.tests),
         ],
     }
@@ -273,7 +277,7 @@ def fit_part(job: Job, found: Fit) -> tuple[Json, Series]:
 
 
 def _loop_page_parts(job: Job, loop: LoopResult) -> tuple[Json, Series]:
-    given = (*job.recordings, *job.tests)
+    given = (*job.recordings, *job.validation, *job.tests)
     series = measured_series(given) | unfitted_series(job.read, given) | loop_series(loop)
     return merge(preamble(job, "close-loop"), loop_part(job, loop)), series
 
@@ -303,6 +307,7 @@ def _finish(
     """Write the run directory and print its place; then the fitted model for other tools. Return the result."""
     out = job.options.out
     result = merge(*parts, {"command": command, "seconds": time.perf_counter() - began})
+    store(fit, out)
     page, told = write_page(job, result, series)
     for line in (words.verdict(told).text, "", *parameter_lines(told.parameters), "", words.checks_line(told)):
         click.echo(words.plain(line))
@@ -353,9 +358,14 @@ def write_folder(found: Fit | Posterior | LoopResult, folder: Path) -> Path:
         calibration.parameters, dict(calibration.fixed),
     )  # fmt: skip
     folder.mkdir(parents=True, exist_ok=True)
+    store(found if isinstance(found, Fit) else found.fit, folder)
     if isinstance(found, LoopResult):
         known = found.recordings
-        job = job if known is None else replace(job, recordings=known.train, tests=known.test)
+        job = (
+            job
+            if known is None
+            else replace(job, recordings=known.train, validation=known.validation, tests=known.test)
+        )
         if found.modelica_path:  # the diagram of the extended model is drawn from its file
             (folder / found.modelica_path).write_text(found.modelica, encoding="utf-8")
         result, series = _loop_page_parts(job, found)

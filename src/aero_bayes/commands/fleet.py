@@ -231,7 +231,7 @@ def attempt(task: RigTask) -> Row:
             else:
                 result = (run_close_loop if task.work == "loop" else run_all)(rig.train, rig.test, options)
     except (InputError, CannotFinishError) as error:
-        return failure(rig.name, str(error))
+        return failure(rig.name, error.configured if isinstance(error, InputError) else str(error))
     searched = {item.name: item for item in fit_parameters(Model.load(fmu), config)}
     return _row(rig.name, result, searched)
 

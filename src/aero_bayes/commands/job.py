@@ -65,6 +65,7 @@ class Job:
     fixed: dict[str, float]
     read: tuple[Recording, ...] = ()
     values: Mapping[str, tuple[ListedValue, ...]] = field(default_factory=dict)
+    validation: tuple[Recording, ...] = ()
 
     @property
     def engine(self) -> Engine:
@@ -85,7 +86,10 @@ def without_units(model: Model) -> str:
     return f"{model.path.name} declares no unit of {named}: {what}; give units in [model.units]" if named else ""
 
 
-def open_job(files: Sequence[Path], options: RunOptions, *, tests: Sequence[Path] = (), loop: bool = False) -> Job:
+def open_job(
+    files: Sequence[Path], options: RunOptions, *, tests: Sequence[Path] = (), validation: Sequence[Path] = (),
+    loop: bool = False,
+) -> Job:  # fmt: skip
     """Read the configuration and the recordings, then build or open the model; for a loop only one that it can extend.
 
     The output folder is made only once everything the user gave has been read."""
@@ -107,8 +111,9 @@ def open_job(files: Sequence[Path], options: RunOptions, *, tests: Sequence[Path
         if without := without_units(model):
             click.echo(f"note: {without}", err=True)
     layout = layout_of(config, declared, model if not declared.systems or fmu is not None else None)
-    recordings = recordings_of(config, files, layout)
-    test_recordings = recordings_of(config, tests, layout)
+    recordings, confirming, test_recordings = (
+        recordings_of(config, given, layout) for given in (files, validation, tests)
+    )
     if fmu is None:
         built = options.out / f"{name.rpartition('.')[2]}.fmu"
         with one_run_at_a_time(options.out):
@@ -118,17 +123,22 @@ def open_job(files: Sequence[Path], options: RunOptions, *, tests: Sequence[Path
             else:
                 model = load_model(name, sources=sources, libraries=libraries, folder=options.out)
     assert model is not None
-    check_plausible((*recordings, *test_recordings), model)
+    read = (*recordings, *confirming, *test_recordings)
+    check_plausible(read, model)
     values = _listed(model, config)
     parameters = fit_parameters(model, config)
     fixed = _fixed(model, config, parameters)
-    read = (*recordings, *test_recordings)
-    recordings, test_recordings = screened(recordings, model), screened(test_recordings, model)
+    recordings, confirming, test_recordings = (
+        screened(given, model) for given in (recordings, confirming, test_recordings)
+    )
     tell_notes(read)
     tell_inputs(model, read)
-    tell_findings((*recordings, *test_recordings))
+    tell_findings((*recordings, *confirming, *test_recordings))
     options.out.mkdir(parents=True, exist_ok=True)
-    return Job(options, config, name, fmu is None, model, recordings, test_recordings, parameters, fixed, read, values)
+    return Job(
+        options, config, name, fmu is None, model, recordings, test_recordings, parameters, fixed, read, values,
+        confirming,
+    )  # fmt: skip
 
 
 def _different(files: Sequence[Path]) -> None:
@@ -245,7 +255,7 @@ def fit_parameters(model: Model, config: Config) -> ParameterSet:
                 parameters_from_model(model, overrides={name: overrides[name]})
             except InputError as error:
                 which = "" if name in str(error) else f"{name}: "
-                raise InputError(f"{config.place(name)}{which}{error}") from None
+                raise InputError(f"{config.place(name)}{which}{error.configured}") from None
     parameters = parameters_from_model(model, overrides=overrides)
     if config.priors_from is None:
         return parameters
@@ -274,7 +284,7 @@ def _listed(model: Model, config: Config) -> dict[str, tuple[ListedValue, ...]]:
         try:
             combinations(model, {name: values})
         except InputError as error:
-            raise InputError(f"{config.place(name)}{error}") from None
+            raise InputError(f"{config.place(name)}{error.configured}") from None
     combinations(model, listed)
     return listed
 

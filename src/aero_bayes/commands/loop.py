@@ -13,6 +13,7 @@ from pydantic import BaseModel
 from threadpoolctl import threadpool_limits
 
 from aero_bayes.commands.job import Job, later_of
+from aero_bayes.data.split import ROLES
 from aero_bayes.errors import CannotFinishError, InputError
 from aero_bayes.estimate.calibrated_model import CalibratedModel
 from aero_bayes.estimate.identifiability import Status, fixed_reasons
@@ -93,6 +94,7 @@ def run_loop(job: Job, progress: ProgressBar, base: Fit | None = None) -> LoopRe
     return close_loop(
         job.recordings if base is None else base,
         job.tests,
+        validation=job.validation,
         model=_model_of(job),
         settings=loop_settings(job),
         seed=job.options.seed,
@@ -192,7 +194,7 @@ def loop_part(job: Job, loop: LoopResult) -> Json:
     return {
         "parameters": loop_parameters(job, loop),
         "fit": {
-            "rms": {role: loop.predicted_after.pooled(role) for role in ("train", "test")},
+            "rms": {role: loop.predicted_after.pooled(role) for role in ROLES},
             "interpolation": dict(loop.interpolation),
         },
         "residual": reports_by_recording(loop.residual_after),

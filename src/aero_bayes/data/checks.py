@@ -58,10 +58,11 @@ def _check_time(name: str, time: FloatArray, place: RowName) -> None:
     if still.any():
         row = int(np.argmax(still)) + 1
         verb = "repeats" if time[row] == time[row - 1] else "runs backwards"
-        raise InputError(
+        told = (
             f"{name}, {place(row)}, column time: {verb} ({time[row]:.9g} after {time[row - 1]:.9g}), "
-            "expected strictly increasing seconds (of several runs in one table, name their column: [data] batch)"
+            "expected strictly increasing seconds (of several runs in one table,"
         )
+        raise InputError(f"{told} make a recording of each)", f"{told} name their column: [data] batch)")
 
 
 def _check_rate(name: str, recording: Recording, layout: Layout) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -116,11 +116,32 @@ def wrapped_rows(values: FloatArray, unit: str) -> Rows:
     return np.asarray(at[1:][jumps], dtype=np.intp)
 
 
-def unwrapped(values: FloatArray, unit: str) -> FloatArray:
-    """Return the angle without its jumps of a whole turn, gaps left out; radians where the unit is no angle's."""
+def unwrapped(values: FloatArray, period: float) -> FloatArray:
+    """Return an angle or a counter without its jumps of a whole period, gaps left out."""
     found = values.copy()
     seen = np.isfinite(values)
-    found[seen] = np.unwrap(values[seen], period=TURNS.get(unit, TURNS["rad"]))
+    found[seen] = np.unwrap(values[seen], period=period)
+    return found
+
+
+#: What a counter reads after a reset, over its usual rise, from which it had been reset right after the reading before.
+MIN_COUNTED = 0.75
+
+
+def without_resets(values: FloatArray) -> FloatArray:
+    """Return a counter that goes on where it was reset, gaps left out: from what it had counted.
+
+    Where it counts little until the next reading it was reset just before that: it rose as it does around it."""
+    found, there = values.copy(), np.isfinite(values)
+    seen = values[there]
+    rises = np.diff(seen)
+    rows = np.flatnonzero(rises < -0.5 * np.abs(seen[:-1]))
+    if rows.size in (0, rises.size):
+        return found
+    usual = np.interp(np.arange(rises.size), np.flatnonzero(rises >= 0.0), rises[rises >= 0.0])[rows]
+    lost = np.median(seen[rows + 1]) < MIN_COUNTED * np.median(usual)
+    rises[rows] = usual if lost else seen[rows + 1]
+    found[there] = seen[0] + np.concatenate(([0.0], np.cumsum(rises)))
     return found
 
 
@@ -128,24 +149,55 @@ def unwrapped(values: FloatArray, unit: str) -> FloatArray:
 class ColumnMap:
     """Where a signal is found in a file, and how it is converted to SI units.
 
-    The value in ``unit`` is ``(raw + offset) * scale``. It is then converted to the unit of the model. ``missing`` are
-    raw values that stand for none; where it is not given, a constant before the first message is found by itself."""
+    Parameters
+    ----------
+    source : str
+        What the file calls it.
+    unit : str, optional
+        Its unit there, from which it is converted to that of the model.
+    scale, offset : float
+        The value in ``unit`` is ``(raw + offset) * scale``.
+    counts_per_revolution : float, optional
+        Of an encoder, whose unit is ``count`` or ``count/s``.
+    unwrap : bool or float
+        Whether an angle that jumps by a whole turn goes on; a number: the raw value at which a counter rolls over.
+    reset : bool
+        Whether a counter that is reset goes on.
+    missing : tuple of float, optional
+        Raw values that stand for none; where it is not given, a constant before the first message is found by itself.
+    kind : {"instant", "mean"}
+        Whether a reading is the value at its time, or the mean over an interval.
+    stamp : {"beginning", "end"}
+        Where in its interval the time of a mean stands.
+
+    Examples
+    --------
+    >>> aero_bayes.ColumnMap("x", unit="mm").convert(np.array([3.0]), "position", "m").tolist()
+    [0.003]
+    """
 
     source: str
     unit: str | None = None
     scale: float = 1.0
     offset: float = 0.0
     counts_per_revolution: float | None = None
-    unwrap: bool = False
+    unwrap: bool | float = False
+    reset: bool = False
     missing: tuple[float, ...] | None = None
+    kind: Literal["instant", "mean"] = "instant"
+    stamp: Literal["beginning", "end"] = "end"
 
     def convert(self, values: FloatArray, column: str, expected: str) -> FloatArray:
-        """Convert raw values to the unit ``expected``, or to SI if empty. InputError for another dimension."""
+        """Convert raw values of a ``column`` to the unit ``expected``, or to SI if empty.
+
+        Raises InputError for another dimension."""
+        values = without_resets(values) if self.reset else values
+        values = unwrapped(values, self.unwrap) if self.unwrap and self.unwrap is not True else values
         values = (values + self.offset) * self.scale
         if self.unit is not None:
             factor, offset = self._to_unit(self.unit, column, expected)
             values = values * factor + offset
-        return unwrapped(values, expected) if self.unwrap else values
+        return unwrapped(values, TURNS.get(expected, TURNS["rad"])) if self.unwrap is True else values
 
     def _to_unit(self, unit: str, column: str, expected: str) -> tuple[float, float]:
         """Return factor and offset of the conversion from a unit."""

@@ -13,18 +13,21 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from aero_bayes.arguments import names_of, paths_of, require_type, shown
 from aero_bayes.arrays import FloatArray
 from aero_bayes.data.cells import is_newest_first, plain_seconds
 from aero_bayes.data.checks import MIN_SAMPLES, check_recording
 from aero_bayes.data.columns import ColumnMap, Layout
 from aero_bayes.data.logs import log_source
 from aero_bayes.data.matlab import matlab_source
+from aero_bayes.data.means import with_means
 from aero_bayes.data.recording import Recording
-from aero_bayes.data.screen import from_first_message, hide, with_steady_clock
+from aero_bayes.data.screen import from_first_message, hide, with_counters, with_steady_clock
 from aero_bayes.data.source import Columns, Source, column_called, joined, read_columns, without_repeats
 from aero_bayes.data.tables import frame_source, text_source
 from aero_bayes.errors import InputError
 from aero_bayes.files import whole_file
+from aero_bayes.modelica.units import conversion, to_modelica_unit
 from aero_bayes.unknown_names import known_names_hint, no_such_file
 
 if TYPE_CHECKING:
@@ -63,10 +66,10 @@ MAX_LATE_START = 0.1
 
 def read_recording(
     path: Path | str | Sequence[Path | str],
-    columns: Mapping[str, ColumnMap] | None = None,
+    columns: Mapping[str, ColumnMap | str] | None = None,
     *,
-    inputs: Sequence[str] | None = None,
-    outputs: Sequence[str] | None = None,
+    inputs: str | Sequence[str] | None = None,
+    outputs: str | Sequence[str] | None = None,
     units: Mapping[str, str] | None = None,
     model: Model | None = None,
     layout: Layout | None = None,
@@ -80,13 +83,13 @@ def read_recording(
         Parquet, a log in MDF 4, TDMS or ``.lvm``, or a table of Modelica, told apart by content. An empty cell (NaN in
         MATLAB) of an output is a gap. Several files of one run, or the folder that they are in, are joined on time:
         each signal is in one of them, and each file has times of its own.
-    columns : mapping of str to ColumnMap, optional
-        Where a signal is found if not under its own name and in SI.
+    columns : mapping of str to ColumnMap or str, optional
+        Where a signal is found if not under its own name and in SI: what the file calls it, or more by a ColumnMap.
     inputs, outputs : sequence of str, optional
         Signals to read; by default those that the model's package declares, else the model's own. Other columns of the
         file are not read.
     units : mapping of str to str, optional
-        SI units by signal; by default the model's.
+        Units of the signals in the recording; by default the model's, to which a fit converts others.
     model : Model, optional
     layout : Layout, optional
         In place of these, with bounds of plausible values and inputs that are constant.
@@ -106,10 +109,17 @@ def read_recording(
     >>> aero_bayes.read_recording("train.csv", inputs=["F"], outputs=["position"])
     <Recording train: F -> position; 2001 rows, 40 s at 50 Hz>
     """
+    if model is not None and not hasattr(model, "outputs"):
+        raise InputError(f"model: expected a Model, as aero_bayes.load_model gives one; got {shown(model)}")
     if layout is None and model is None and outputs is None:
         raise InputError(f"{path}: name inputs and outputs, or give the model whose they are")
-    asked = _Asked(layout or Layout.of(inputs, outputs, units, model=model), dict(columns or {}))
-    name, parts = asked.run([Path(path)] if isinstance(path, str | Path) else [Path(p) for p in path])
+    inputs, outputs = (n if n is None else names_of(n, w) for n, w in ((inputs, "inputs"), (outputs, "outputs")))
+    maps = {
+        name: ColumnMap(found) if isinstance(found, str) else require_type(found, ColumnMap, f"columns: {name}")
+        for name, found in (columns or {}).items()
+    }
+    asked = _Asked(layout or Layout.of(inputs, outputs, units, model=model), maps)
+    name, parts = asked.run(paths_of(path, "path"))
     return asked.recording(name, parts, asked.read(parts))
 
 
@@ -314,18 +324,33 @@ class _Asked:
             sha256=given.sha256,
             path=files[0] if len(files) == 1 and files[0].is_file() else None,
             first_row=given.first_row,
-            notes=(given.note,) if given.note else (),
+            notes=(*([given.note] if given.note else []), *self._doubts(given.named)),
         )
         recording = with_steady_clock(recording)
         for n, rows in given.bad.items():
             what = f"{int(rows.sum())} readings of {n} are marked as bad in its quality column."
             recording = hide(recording, n, rows, "quality", what)
         first = recording.first_row
+        mended = {"time", *(n for n, column in self.maps.items() if column.unwrap or column.reset)}
+        recording = with_counters(recording, {n: v for n, v in raw.items() if n not in mended})
         own = {n: v for n, v in raw.items() if n != "time" and missing.get(n) is None}
         recording = from_first_message(recording, own, [n for n in self.held if missing.get(n)])
         begin = abs(recording.first_row - first)
         check_recording(recording, self.layout, lambda row: given.line(row + begin))
-        return recording
+        return with_means(recording, {n: self.maps[n].stamp for n in values if self._is_mean(n)})
+
+    def _is_mean(self, name: str) -> bool:
+        return name in self.maps and self.maps[name].kind == "mean"
+
+    def _doubts(self, named: Mapping[str, str]) -> list[str]:
+        """Ask about columns whose header has another unit than they are said to be in."""
+        found = []
+        for name, column in self.maps.items():
+            header = re.fullmatch(r".*? \[(.*)\]", named.get(name, ""))
+            told, given = (to_modelica_unit(unit) for unit in (header[1] if header else "", column.unit or ""))
+            if told and given and told != given and conversion(told, given) not in (None, (1.0, 0.0)):
+                found.append(f"{name} is read in {given}, but its header says {told}: which of them is right?")
+        return found
 
     def _in_unit(self, values: FloatArray, name: str, named: Mapping[str, str]) -> FloatArray:
         """Convert values to the unit of the layout, from the unit that was given or the one in the column's name."""

@@ -6,7 +6,7 @@ import hashlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +15,9 @@ from aero_bayes.arguments import names_of
 from aero_bayes.arrays import FloatArray
 from aero_bayes.data.cells import is_newest_first, numbers, seconds
 from aero_bayes.data.checks import check_recording
+from aero_bayes.data.columns import ColumnMap
 from aero_bayes.data.find_table import DataFinding
+from aero_bayes.data.source import is_time_name
 from aero_bayes.display import table_html
 from aero_bayes.errors import InputError
 from aero_bayes.figures import describe_figure_parameters, drawn
@@ -45,7 +47,7 @@ class Recording:
     outputs : mapping of str to ndarray, shape (n,)
         What was measured; NaN where a reading is missing.
     units : mapping of str to str
-        SI unit of every column, ``time`` included.
+        Unit of every column, ``time`` included (s); a fit converts columns to the units of its model.
     sha256 : str
         Hash of the file's bytes, or of the arrays where there is no file.
     path : Path, optional
@@ -65,6 +67,8 @@ class Recording:
         What of its files was not read, and how several of them were joined.
     known : mapping of str to float
         Parameters of the model whose values are known in this run and may differ in others, in SI units.
+    means : mapping of str to {"beginning", "end"}
+        Outputs that are means over the interval that begins, or ends, at their time.
 
     Examples
     --------
@@ -99,6 +103,7 @@ class Recording:
     cuts: tuple[int, ...] = ()
     notes: tuple[str, ...] = ()
     known: Mapping[str, float] = field(default_factory=dict)
+    means: Mapping[str, Literal["beginning", "end"]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         dates = np.asarray(self.time).dtype.kind in "mM"
@@ -127,14 +132,14 @@ class Recording:
         Parameters
         ----------
         frame : pandas.DataFrame
-            Times stand in its column ``time``, or are its index: in s, as durations, or as dates with or without a
-            time zone, which count from the first.
+            Times stand in its column ``time``, or are its index, unless that only numbers its rows: in s, as durations,
+            or as dates with or without a time zone, which count from the first.
         inputs, outputs : str or sequence of str
-            Its columns that were applied and measured, named as in the model and in its units.
+            Its columns that were applied and measured, named as in the model.
         name : str
             What reports call it.
         units : mapping of str to str, optional
-            Of the columns.
+            Of the columns, as ``{"T": "degC"}``; a fit converts them to those of its model, which are the others'.
 
         Returns
         -------
@@ -151,6 +156,8 @@ class Recording:
         >>> aero_bayes.Recording.from_frame(frame, inputs="F", outputs="position", name="train")
         <Recording train: F -> position; 2001 rows, 40 s at 50 Hz>
         """
+        import pandas
+
         from aero_bayes.data.screen import with_steady_clock
 
         if not hasattr(frame, "columns"):
@@ -161,11 +168,19 @@ class Recording:
                 raise InputError(f"frame: no column {column}{known_names_hint(column, map(str, frame.columns))}")
             if list(frame.columns).count(column) > 1:
                 raise InputError(f"frame: column {column} appears more than once, expected once")
+        if "time" not in frame.columns and isinstance(frame.index, pandas.RangeIndex) and frame.index.name is None:
+            timed = next((str(c) for c in frame.columns if is_time_name(str(c))), "NAME")
+            raise InputError(
+                f"frame: no column time, and its index only numbers the rows (columns: "
+                f'{", ".join(map(str, frame.columns))}); give its times, as by frame.set_index("{timed}")'
+            )
         time = seconds(frame["time"] if "time" in frame.columns else frame.index)
+        if (unit := (units or {}).get("time", "s")) != "s":
+            time = ColumnMap("time", unit).convert(time, "time", "s")
         if is_newest_first(time):
             frame, time = frame.iloc[::-1], time[::-1]
         given, measured = ({c: numbers(frame[c], name, c) for c in names} for names in roles)
-        found = with_steady_clock(cls(name, time, given, measured, {"time": "s", **(units or {})}))
+        found = with_steady_clock(cls(name, time, given, measured, {**(units or {}), "time": "s"}))
         check_recording(found)
         return found
 
@@ -294,7 +309,7 @@ class Recording:
                 span = f"{seen.min():.4g} to {seen.max():.4g}" if seen.size else "no reading"
                 rows.append((name, kind, self.units.get(name, ""), span, f"{values.size - seen.size}"))
         caption = f"{self.name}: {self.rows} rows, {self.duration:g} s at {self.rate_hz:g} Hz"
-        return table_html(("column", "kind", "unit", "range", "gaps"), rows, caption)
+        return table_html(("column", "kind", "unit", "range", "gaps"), rows, caption, self.notes)
 
     def rows_where(self, keep: NDArray[np.bool_], name: str) -> Recording:
         """Return the samples where ``keep`` (n,) holds, under another name."""
@@ -320,6 +335,8 @@ def _hash_arrays(recording: Recording) -> str:
 
 #: How long before the first sample the earlier input value is placed, in s: longer than any input delay.
 INPUT_LEAD_TIME = 1.0
+#: How many times as long as usual the interval of a mean may be before it counts as a gap.
+MOST_LONGER = 1.5
 #: Share of its largest value within which a signal is at rest.
 SHARE_AT_REST = 0.02
 
@@ -353,7 +370,18 @@ def to_experiment(
         start=dict(start or {}),
         measured=recording.measured(names),
         known=recording.known,
+        windows={name: _windows(recording.time, recording.means[name]) for name in names if name in recording.means},
     )
+
+
+def _windows(time: FloatArray, stamp: str) -> FloatArray:
+    """Return where the interval of each mean begins and ends (n, 2): beside its neighbour, but where there is a gap."""
+    usual = float(np.median(np.diff(time)))
+    steps = np.diff(time)
+    length = np.where(steps < MOST_LONGER * usual, steps, usual)
+    if stamp == "end":
+        return np.column_stack([time - np.concatenate([[usual], length]), time])
+    return np.column_stack([time, time + np.concatenate([length, [usual]])])
 
 
 def _hold_signal(name: str, time: FloatArray, values: FloatArray, before: float | None = None) -> InputSignal:

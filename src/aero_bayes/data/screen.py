@@ -23,7 +23,9 @@ from aero_bayes.data.columns import (
     typical_step,
     wrapped_rows,
 )
+from aero_bayes.data.counters import counter_falls
 from aero_bayes.data.find_table import DataFinding, FindingKind, runs_of, told_numbers
+from aero_bayes.data.held import held_period
 from aero_bayes.data.noise import quantisation_step
 from aero_bayes.data.recording import Recording
 from aero_bayes.display import with_unit
@@ -268,6 +270,22 @@ def from_first_message(recording: Recording, raw: Mapping[str, FloatArray], fill
     return recording.rows_where(np.arange(recording.rows) >= first, recording.name) if first else recording
 
 
+def with_counters(recording: Recording, raw: Mapping[str, FloatArray]) -> Recording:
+    """Return the recording with findings for counters that roll over or are reset; ``raw`` are columns of the file."""
+    for name, values in raw.items():
+        own = {**recording.inputs, **recording.outputs}[name]
+        falls = None if wrapped_rows(own, recording.units.get(name, "")).size else counter_falls(values)
+        if falls is not None:
+            how, setting = "is reset", "reset = true"
+            if falls.modulus is not None:
+                power, setting = math.log2(falls.modulus), f"unwrap = {falls.modulus:.9g}"
+                how = f"rolls over at {falls.modulus:.9g}{f' = 2^{power:.0f}' if power.is_integer() else ''}"
+            what = f"{name} counts up and falls to about zero {int(falls.rows.sum())} times: its counter {how}."
+            done = f"Let it go on by [data.columns.{name}] {setting}."
+            recording = _told(recording, "wrapped", name, what, _where(recording, falls.rows), done, mended=False)
+    return recording
+
+
 def _before_first_message(values: FloatArray, rows: int, inputs: Mapping[str, FloatArray]) -> int:
     """Return the number of rows at the beginning that hold a constant if it stands for no reading, else zero.
 
@@ -340,6 +358,8 @@ def _with_possible_inputs(recording: Recording) -> Recording:
 def _without_wrong_readings(recording: Recording) -> Recording:
     """Return the recording without readings that are none, and with a finding for an angle that wraps."""
     for name in recording.outputs:
+        if (held := held_period(recording.outputs[name], recording.inputs)) is not None:
+            recording = _once(recording, name, *held)
         unit = recording.units.get(name, "")
         for constant, rows in sentinels(recording.outputs[name], recording.inputs).items():
             what = with_unit(f"{int(rows.sum())} readings of {name} are exactly {constant:.7g}", unit)
@@ -353,6 +373,13 @@ def _without_wrong_readings(recording: Recording) -> Recording:
             recording = hide(recording, name, clipped, "clipped", what)
         recording = _with_told(recording, name, unit)
     return recording
+
+
+def _once(recording: Recording, name: str, period: float, came: Mask) -> Recording:
+    """Return the recording with each reading of a sensor that sends rarely once, where it came."""
+    recording = replace(recording, outputs={**recording.outputs, name: np.where(came, recording.outputs[name], np.nan)})
+    what = f"{name} is sent every {period * recording.interval:.4g} s and repeated in the rows between"
+    return _told(recording, "held", name, what, "", f"Its {int(came.sum())} readings count once, where they came.")
 
 
 def _with_told(recording: Recording, name: str, unit: str) -> Recording:

@@ -311,8 +311,9 @@ def _of_rows(
             values, units[name] = numbers_and_unit(valued.iloc[own], place, called, words.get(name))
             twice = np.flatnonzero((np.diff(time[own]) == 0.0) & (np.diff(values) != 0.0))
             if twice.size:
-                raise InputError(f"{place(int(twice[0] + 1))}: a second reading of {called} for one time; if the "
-                                 "table holds several runs, name their column in [data] batch")  # fmt: skip
+                told = f"{place(int(twice[0] + 1))}: a second reading of {called} for one time; if the table holds"
+                raise InputError(f"{told} several runs, make a recording of each",
+                                 f"{told} several runs, name their column in [data] batch")  # fmt: skip
             pairs[name] = (time[own], values)
         parts[run] = joined(pairs, held)
     whole = {n: np.concatenate([part[n] for part in parts.values()]) for n in next(iter(parts.values()))}

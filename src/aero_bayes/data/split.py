@@ -1,51 +1,112 @@
-"""Which part of the recordings is fitted, and which is kept to judge a model by."""
+"""Three roles of readings: training is fitted, validation confirms, and the test part is only reported."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 
+from aero_bayes.data.columns import Mask
 from aero_bayes.data.recording import Recording
 from aero_bayes.errors import InputError
+
+Role = Literal["train", "validation", "test"]
+ROLES: tuple[Role, ...] = ("train", "validation", "test")
+#: Readings of an output below which a recording is not halved: half of them confirm too little, and test too little.
+MIN_HALVED_READINGS = 100
+
+
+@dataclass(frozen=True, eq=False)
+class Part:
+    """Readings of one recording in one role: from ``begin`` (s) on and before ``end``; None is where it ends itself."""
+
+    recording: Recording
+    role: Role
+    begin: float | None = None
+    end: float | None = None
+
+    @property
+    def within(self) -> Mask:
+        """The samples (n,) of the recording that belong to the part."""
+        low, high = (-math.inf if self.begin is None else self.begin), (math.inf if self.end is None else self.end)
+        return np.asarray((self.recording.time >= low) & (self.recording.time < high))
 
 
 @dataclass(frozen=True, eq=False)
 class Recordings:
-    """The recordings, and which part of them is fitted.
+    """The recordings, which part of them is ``fitted``, and the role of each ``part``.
 
-    ``fitted`` are the training recordings; without test recordings only their first parts. ``unseen_from`` is then the
-    time (s), by name, from which readings count as unseen."""
+    ``train``, ``validation`` and ``test`` are whole recordings as they were given."""
 
     train: tuple[Recording, ...]
+    validation: tuple[Recording, ...]
     test: tuple[Recording, ...]
     fitted: tuple[Recording, ...]
-    unseen_from: Mapping[str, float]
+    parts: tuple[Part, ...]
     outputs: tuple[str, ...]
 
     @classmethod
     def of(
-        cls, train: Sequence[Recording], test: Sequence[Recording], held_out: float, known: Sequence[str]
-    ) -> Recordings:
-        """Check the recordings, and hold out the share ``held_out`` of each training one if there is no other test.
+        cls, train: Sequence[Recording], test: Sequence[Recording], held_out: float, known: Sequence[str],
+        validation: Sequence[Recording] = (),
+    ) -> Recordings:  # fmt: skip
+        """Check the recordings and give each reading a role; ``known`` are the outputs of the model.
 
-        ``known`` are the outputs of the model."""
+        Without ``validation`` the first half of each test recording validates. Without any of both the last share
+        ``held_out`` of each training recording is not fitted, and halved. What is too short to halve validates."""
         outputs = tuple(o for o in known if any(o in r.outputs for r in train))
         if not outputs:
             raise InputError(f"none of the outputs {', '.join(known)} was recorded")
         names = [r.name for r in train]
         if len(set(names)) < len(names):
             raise InputError("two training recordings have the same name")
-        if test:
-            return cls(tuple(train), tuple(test), tuple(train), {}, outputs)
-        unseen_from: dict[str, float] = {}
-        parts = []
-        for recording in train:
-            cut = _cut(recording, outputs, held_out)
-            unseen_from[recording.name] = cut
-            parts.append(replace(recording.without(after=cut), name=recording.name))
-        return cls(tuple(train), (), tuple(parts), unseen_from, outputs)
+        test = [replace(r) for r in test]  # a recording may be given twice; its readings have a role in each place
+        fitted, parts = [*train], [Part(r, "train") for r in train]
+        if validation:
+            parts += [*(Part(r, "validation") for r in validation), *(Part(r, "test") for r in test)]
+        elif test:
+            parts += [part for r in test for part in _halves(r, outputs, None)]
+        else:
+            cuts = [_cut(r, outputs, held_out) for r in train]
+            fitted = [replace(r.without(after=cut), name=r.name) for r, cut in zip(train, cuts, strict=True)]
+            parts = [Part(r, "train", None, cut) for r, cut in zip(train, cuts, strict=True)]
+            parts += [part for r, cut in zip(train, cuts, strict=True) for part in _halves(r, outputs, cut)]
+        return cls(tuple(train), tuple(validation), tuple(test), tuple(fitted), tuple(parts), outputs)
+
+    @property
+    def everything(self) -> tuple[Recording, ...]:
+        """All recordings whole, training first."""
+        return *self.train, *self.validation, *self.test
+
+    def parts_of(self, recording: Recording, *roles: Role) -> tuple[Part, ...]:
+        """The parts of a recording that have one of some roles, or all."""
+        roles = roles or ROLES
+        return tuple(part for part in self.parts if part.recording is recording and part.role in roles)
+
+    @property
+    def has_test(self) -> bool:
+        """Whether some readings decide nothing."""
+        return any(part.role == "test" for part in self.parts)
+
+    @property
+    def unseen_from(self) -> Mapping[str, float]:
+        """The time (s) from which a training recording is not fitted, by name."""
+        ends = {part.recording.name: part.end for part in self.parts if part.role == "train"}
+        return {name: end for name, end in ends.items() if end is not None}
+
+
+def _halves(recording: Recording, outputs: Sequence[str], begin: float | None) -> tuple[Part, ...]:
+    """The first half of the readings from a time on for validation, the second for the test, if there are enough."""
+    after = recording.time >= (-math.inf if begin is None else begin)
+    times = [recording.time[after & np.isfinite(recording.outputs[o])] for o in outputs if o in recording.outputs]
+    times = [one for one in times if one.size]
+    if not times or min(one.size for one in times) < MIN_HALVED_READINGS:
+        return (Part(recording, "validation", begin),)
+    middle = float(np.median(np.concatenate(times)))
+    return Part(recording, "validation", begin, middle), Part(recording, "test", middle)
 
 
 def _cut(recording: Recording, outputs: Sequence[str], held_out: float) -> float:

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from aero_bayes.data.held import held_period
 from aero_bayes.data.noise import NoiseFloor, output_noise_floor
 from aero_bayes.data.recording import Recording
 from aero_bayes.data.screen import stuck_rows
@@ -36,7 +37,7 @@ class InputSummary:
 
 @dataclass(frozen=True)
 class OutputSummary:
-    """An output: range, missing readings, share of saturated readings, noise floor."""
+    """An output: range, missing readings, share of saturated readings, time for which each is repeated, noise floor."""
 
     name: str
     unit: str
@@ -45,6 +46,7 @@ class OutputSummary:
     missing: int
     longest_gap: float
     saturated: float
+    held: float
     noise: NoiseFloor
 
     @property
@@ -59,6 +61,8 @@ class OutputSummary:
             parts.append(f"step {noise.quantum:.4g}")
         if self.missing:
             parts.append(f"{self.missing} readings missing (longest gap {self.longest_gap:.3g} s)")
+        if self.held > 0.0:
+            parts.append(f"sent every {self.held:.4g} s and repeated in between")
         if self.saturated > 0.0:
             parts.append(f"saturated: {self.saturated:.1%} of the readings stuck at an extreme")
         return ", ".join(parts)
@@ -131,6 +135,7 @@ def _output(recording: Recording, name: str) -> OutputSummary:
     values = recording.outputs[name]
     seen = np.isfinite(values)
     at = recording.time[seen]
+    held = held_period(values, recording.inputs)
     return OutputSummary(
         name=name,
         unit=recording.units.get(name, ""),
@@ -139,5 +144,6 @@ def _output(recording: Recording, name: str) -> OutputSummary:
         missing=int((~seen).sum()),
         longest_gap=float(np.diff(at).max()) if not seen.all() else 0.0,
         saturated=float(stuck_rows(values, recording.inputs)[1][seen].mean()),
-        noise=output_noise_floor(recording, name),
+        held=held[0] * recording.interval if held is not None else 0.0,
+        noise=output_noise_floor(recording if held is None else recording.rows_where(held[1], recording.name), name),
     )

@@ -8,7 +8,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from aero_bayes.arrays import FloatArray
 from aero_bayes.estimate.calibration import Calibration
@@ -131,12 +130,12 @@ def laplace_log_evidence(found: LocalResult[QuadraticModel]) -> float:
 
 #: Nats by which the log-likelihood may differ for two values to count as equally good: it is noise of the solver.
 EQUAL_LIKELIHOOD = 1e-2
+#: Information, relative to that of the prior, below which a parameter has no effect on any output.
+MIN_INFORMATION = 1e-8
 #: Halvings of the range in which the end of a plateau is looked for: to less than a thousandth of the box.
 BISECTIONS = 11
 #: Number of values of a parameter without a slope that are tried, evenly over its box: it may act in steps.
 TRIED_VALUES = 12
-#: Effect of a parameter's whole range on the outputs, relative to the strongest, up to which it has no slope.
-MIN_SENSITIVITY_RATIO = 1e-12
 
 
 @dataclass(frozen=True)
@@ -179,20 +178,14 @@ def settle_blind(
     return point, tuple(_plateau(objective, here, point, j) for j in steps)
 
 
-def with_slope(slopes: Sequence[FloatArray]) -> NDArray[np.bool_]:
-    """Return which columns (k,) have a slope, by the slopes (k, n) of each series in search coordinates."""
-    size = np.max([np.max(np.abs(rows), axis=1, initial=0.0) for rows in slopes], axis=0)
-    return np.asarray(size > MIN_SENSITIVITY_RATIO * float(size.max(initial=0.0)))
-
-
 def other_plateaus(objective: Objective, here: Optimum) -> list[FloatArray]:
     """List where to fit from to leave a plateau: search coordinates (p,), one for each other value of the cost.
 
-    Empty where all free columns have a slope, or act in no steps."""
-    slopes = here.evaluation.slopes
-    if not slopes:
+    Empty where all free columns have an effect there, or have none anywhere."""
+    if not here.evaluation.slopes:
         return []
-    blind = [j for j, own in zip(here.free, with_slope(slopes), strict=True) if not own]
+    size = np.diag(here.whitened.information) * objective.parameters.prior_sd()[list(here.free)] ** 2
+    blind = [j for j, own in zip(here.free, size, strict=True) if own < MIN_INFORMATION]
     return [point for j in blind for point in _plateaus(objective, here.coordinates, j)[1:]]
 
 
@@ -201,10 +194,10 @@ def _plateaus(objective: Objective, point: FloatArray, column: int) -> list[Floa
     low, high = (bound[column] for bound in objective.parameters.box)
     trials = np.repeat(point[np.newaxis], 1 + TRIED_VALUES, axis=0)
     trials[1:, column] = low + (np.arange(TRIED_VALUES) + 0.5) / TRIED_VALUES * (high - low)
-    distinct: dict[float, FloatArray] = {}
+    distinct: dict[str, FloatArray] = {}
     for trial, found in zip(trials, objective.residuals(trials), strict=True):
         if found is not None:
-            distinct.setdefault(sum(float(r @ r) for r in found.residual), trial)
+            distinct.setdefault(f"{sum(float(r @ r) for r in found.residual):.5g}", trial)  # the solver's error aside
     return list(distinct.values())
 
 

@@ -17,6 +17,7 @@ from aero_bayes.errors import InputError
 from aero_bayes.estimate.calibration import Calibration
 from aero_bayes.estimate.identifiability import Status
 from aero_bayes.estimate.levenberg_marquardt import Stop
+from aero_bayes.estimate.noise import FALSE_ALARM_RATE, autocorrelation
 from aero_bayes.estimate.other_tools import noise_by_recording
 from aero_bayes.estimate.residual_tests import ResidualReport, check_residuals, exact_level, structured_residuals
 from aero_bayes.modelica.rumoca_front import load_flat
@@ -123,8 +124,8 @@ def check_data(fit: Fit, left: LeftOver) -> DiagnosisRow:
         )
     findings.sort(key=lambda f: f.mended)
     first, more = findings[0], tuple(f.sentence for f in findings[1:])
-    # Other values may do what a missing effect does, so that effects are still looked for.
-    explains = not first.mended and first.kind != "value"
+    # Other values and constants may do what a missing effect does, so that effects are still looked for.
+    explains = not first.mended and first.kind not in ("value", "offset")
     return DiagnosisRow("data", True, first.what, first.where, first.done, explains, more)
 
 
@@ -156,12 +157,42 @@ def check_noise(fit: Fit, left: LeftOver) -> DiagnosisRow:
         where = ", ".join(f"{o}: steps of {with_unit(f'{step:.3g}', units.get(o, ''))}" for o, step in rounded.items())
         return DiagnosisRow("noise", True, f"{join_names(list(rounded))} is rounded to coarse counts.", where)
     correlated = {o: n for o, n in fit.noise.items() if n.kind == "ou"}
+    alternating = [(report.output, _alternation(fit, report)) for report in left.structured]
+    if alternating and all(size for _, size in alternating):
+        told = join_names([f"those of {o} alternate, with a correlation of {size:.2g}" for o, size in alternating])
+        what = f"Successive errors leave no pattern but this: {told}."
+        done = "What the inputs do between two samples does so, and no missing effect: record them more often."
+        return DiagnosisRow("noise", True, what, "", done, explains=True)
     if not correlated:
         return DiagnosisRow("noise", False, "The noise was taken as white in every output.")
     return DiagnosisRow(
         "noise", True, f"The noise of {join_names(list(correlated))} is correlated over time.",
         ", ".join(f"{o}: over {n.tau:.3g} s" for o, n in correlated.items()), "Intervals use it.",
     )  # fmt: skip
+
+
+#: Correlation of successive errors that alternate at most, how many more lags show nothing, and fewest errors.
+MAX_ALTERNATION, LAGS_AFTER, MIN_ALTERNATING = -0.1, 4, 50
+
+
+def _alternation(fit: Fit, report: ResidualReport) -> float:
+    """Return the correlation of successive errors where these alternate and show nothing else; 0 elsewhere.
+
+    Means and other readings of an input that changes within its samples leave this."""
+    data = fit.calibration.data
+    k = next(
+        k for k, s in enumerate(fit.series)
+        if (data.names[s.experiment], s.output) == (report.recording, report.output)
+    )  # fmt: skip
+    experiment, residual = data.experiments[fit.series[k].experiment], fit.optimum.evaluation.residual[k]
+    moving = any(np.count_nonzero(np.diff(s.values)) > 0.5 * experiment.time.size for s in experiment.inputs)
+    others = [p for name, p in report.tests.items() if name != "autocorrelation"]
+    if not moving or residual.size < MIN_ALTERNATING or min(others, default=1.0) < FALSE_ALARM_RATE:
+        return 0.0
+    lags = autocorrelation(residual, 1 + LAGS_AFTER)[1:]
+    scatter = 3.0 / residual.size**0.5
+    clear = lags[0] < min(MAX_ALTERNATION, -scatter) and np.all(np.abs(lags[1:]) < scatter)
+    return float(lags[0]) if clear else 0.0
 
 
 def _unequal_row(fit: Fit) -> DiagnosisRow:
@@ -288,8 +319,7 @@ def _time_of_failure(calibration: Calibration, row: FloatArray, index: int) -> f
         if bad - good <= 1:
             break
         middle = (good + bad) // 2
-        measured = experiment.measured[:middle] if experiment.measured is not None else None
-        part = replace(experiment, time=experiment.time[:middle], measured=measured)
+        part = experiment.at_samples(slice(middle))
         experiments = (*data.experiments[:index], part, *data.experiments[index + 1 :])
         shorter = replace(calibration, data=data.with_experiments(experiments))
         with open_simulator(shorter.problem(), workers=0) as simulator:

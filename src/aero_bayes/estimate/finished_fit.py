@@ -8,9 +8,10 @@ from dataclasses import replace
 import numpy as np
 
 from aero_bayes.arrays import FloatArray
+from aero_bayes.display import with_unit
 from aero_bayes.estimate.delays import settle_blind
 from aero_bayes.estimate.global_search import GlobalSearch, GlobalSearchResult
-from aero_bayes.estimate.identifiability import Identifiability, Status, assess
+from aero_bayes.estimate.identifiability import NO_DERIVATIVE, OPEN_ENDS, Identifiability, Status, assess
 from aero_bayes.estimate.laplace import Laplace, curvature_adjustment, noise_covariance, widened_covariance
 from aero_bayes.estimate.levenberg_marquardt import FitSettings, LocalSettings, Stop
 from aero_bayes.estimate.local_fit import Optimum
@@ -19,11 +20,18 @@ from aero_bayes.estimate.other_tools import structure_warnings
 from aero_bayes.estimate.parameters import ParameterSet
 from aero_bayes.estimate.result import Fit
 from aero_bayes.estimate.target import NoiseLayout
-from aero_bayes.simulation.interface import NORMAL_HALF_WIDTH, Outcome
+from aero_bayes.simulation.interface import NORMAL_HALF_WIDTH, Outcome, ParameterTarget
 
 #: How many times as far the log-likelihood may fall at an end as a linear model says, or as little, and the least fall
 #: that is looked at: below it the prior makes the interval.
 MAX_FACTOR, LEAST_FALL = 4.0, 0.3
+#: Largest difference of two derivatives, one over a small step and one over the interval, as a share of the small
+#: one's: a model that switches has no derivative where they differ more.
+MAX_DISAGREEMENT = 0.3
+#: Factors between two values that look like another prefix of a unit.
+THOUSAND = 600.0, 1600.0
+#: Most Newton steps of the other parameters where one is at a bound.
+MAX_STEPS = 4
 NOT_RELIABLE = "interval not reliable: the model is not linear over it; sample the posterior"
 
 
@@ -45,13 +53,51 @@ def failed_intervals(objective: Objective, here: Optimum, laplace: Laplace) -> d
     score, information = here.whitened.score, here.whitened.information
     expected = 0.5 * np.sum((moved @ information) * moved, axis=1) - moved @ score
     failed: dict[str, str] = {}
-    for k, found in enumerate(objective.residuals(rows)):
+    flat: list[int] = []
+    runs = objective.residuals(rows)
+    for k, found in enumerate(runs):
         if found is None or expected[k] < LEAST_FALL:
             continue
         fall = here.whitened.log_likelihood - objective.whiten(found, here.noise).log_likelihood
         if not expected[k] / MAX_FACTOR < fall < expected[k] * MAX_FACTOR:
             failed[names[free[k % count]]] = NOT_RELIABLE
+        if fall < expected[k]:
+            flat.append(k)
+    for k in flat:
+        name = names[free[k % count]]
+        if failed.get(name) == NOT_RELIABLE and _reaches_bound(objective, here, rows[k], k):
+            failed[name] = OPEN_ENDS[k // count]
+    if objective.calibration.model.event_indicators:
+        for k, (one, other) in enumerate(zip(runs[:count], runs[count:], strict=True)):
+            if one is None or other is None or min(expected[k], expected[k + count]) < LEAST_FALL:
+                continue
+            change = objective.whiten(other, here.noise).residual - objective.whiten(one, here.noise).residual
+            linear = (moved[k] - moved[k + count]) @ here.whitened.slopes
+            if float(np.linalg.norm(change - linear)) > MAX_DISAGREEMENT * float(np.linalg.norm(linear)):
+                # What one parameter has no derivative by, the others were not fitted to.
+                return {names[j]: NO_DERIVATIVE for j in free}
     return failed
+
+
+def _reaches_bound(objective: Objective, here: Optimum, row: FloatArray, k: int) -> bool:
+    """Return whether the readings allow a value at a bound as well, the others at their best there.
+
+    ``row`` is the end of its interval on this side; above for the first half of ``k``, then below."""
+    free, row = np.array(here.free), row.copy()
+    own, others = k % free.size, np.arange(free.size) != k % free.size
+    low, high = objective.parameters.box
+    row[free[own]] = (high, low)[k // free.size][free[own]]
+    for _ in range(MAX_STEPS):
+        found = objective.evaluate(row, here.free)
+        if found is None:
+            return False
+        white = objective.whiten(found, here.noise)
+        if here.whitened.log_likelihood - white.log_likelihood < 0.5 * NORMAL_HALF_WIDTH**2:
+            return True
+        step = np.linalg.lstsq(white.information[np.ix_(others, others)], white.score[others], rcond=None)[0]
+        row[free[others]] += step
+        row = np.clip(row, low, high)
+    return False
 
 
 def assess_columns(objective: Objective, here: Optimum, columns: tuple[int, ...]) -> tuple[Identifiability, Optimum]:
@@ -181,11 +227,26 @@ def finished_fit(search: GlobalSearch, result: GlobalSearchResult, settings: Fit
         iterations=result.iterations,
         start_levels=result.start_levels,
         outcomes={o: int(objective.outcomes[o]) for o in Outcome},
-        warnings=(here.reason.value,) if interrupted else told,
+        warnings=(here.reason.value,) if interrupted else (*told, *unit_warnings(part, values[list(sampled)])),
         seconds=seconds,
         settings=settings,
         states=objective.smoothed_states(values),
     )
+
+
+def unit_warnings(parameters: ParameterSet, values: FloatArray) -> tuple[str, ...]:
+    """Ask about values that are a thousand times, or a thousandth of, where their search started: kW for W."""
+    told = []
+    for p, value in zip(parameters, values.tolist(), strict=True):
+        ratio = value / p.start if isinstance(p.target, ParameterTarget) and p.start else 0.0
+        if ratio > 0.0 and THOUSAND[0] < max(ratio, 1.0 / ratio) < THOUSAND[1]:
+            much = "a thousand times" if ratio > 1.0 else "a thousandth of"
+            size = with_unit(f"{value:.3g}", p.unit)
+            told.append(
+                f"{p.name} = {size} is about {much} the {p.start:.3g} that its search started from: is a column in "
+                "another unit than it says, such as kW for W?"
+            )
+    return tuple(told)
 
 
 def with_bounds(verdict: Identifiability, part: ParameterSet, point: FloatArray) -> Identifiability:

@@ -22,6 +22,8 @@ from aero_bayes.estimate.calibrated_model import ValueCombination, combinations,
 from aero_bayes.estimate.calibration import Calibration, calibrate
 from aero_bayes.estimate.finished_fit import finished_fit, with_identified
 from aero_bayes.estimate.global_search import GlobalSearch, GlobalSearchResult
+from aero_bayes.estimate.held_starts import with_start_finding
+from aero_bayes.estimate.held_values import with_held_beside
 from aero_bayes.estimate.initial_states import screened
 from aero_bayes.estimate.levenberg_marquardt import FitSettings
 from aero_bayes.estimate.local_fit import OpenSimulator, Optimum
@@ -163,6 +165,8 @@ def fit(
     """
     recordings = require_all(recordings, Recording, "recordings")
     require_type(model, Model, "model")
+    require_type(settings or FitSettings(), FitSettings, "settings")
+    require_type(seed, int, "seed")
     # Sums over BLAS threads differ in their last digits, and the same seed is to give the same numbers.
     with threadpool_limits(limits=1, user_api="blas"), watching(progress) as watched:
         cache = Checkpoint.at(checkpoint)
@@ -226,15 +230,19 @@ class _Request:
         if settings.cost == "posterior" and not filtered and not watched.asked_to_end:
             found = _with_noise_kinds(_with_sensors(found), opened, settings, watched)
         here = partial(opened, workers=0)  # one run needs no workers
-        found = with_solver_difference(found, here)
+        found = with_held_beside(with_solver_difference(found, here), here)
         if watched.asked_to_end:
             return found
         local, problem = replace(settings, method="local"), found.calibration
+
+        def fitted_again(other: Calibration) -> Fit:
+            return fit_calibration(other, opened, local, np.random.default_rng(self.seed))
+
+        told = with_start_finding(found, fitted_again, here)
+        if told is not found:
+            return told  # a wrong start looks like a constant at a reading, too
         return with_misread_finding(
-            found,
-            lambda given: self.calibration(given, problem.model, problem.fixed),
-            lambda other: fit_calibration(other, opened, local, np.random.default_rng(self.seed)),
-            here,
+            found, lambda given: self.calibration(given, problem.model, problem.fixed), fitted_again, here
         )
 
 

@@ -74,7 +74,7 @@ def _reason(flat: FlatModel, name: str, known: list[str]) -> str:
     if v.type != "Real":
         return own_value_reason(flat, v) or (
             f"parameter {name} of model {flat.name} is of type {v.type} and cannot be searched: list its values, "
-            f"[parameters.{name}] values = {listed_choices(flat, v)}, and each is fitted"
+            f"such as values = {listed_choices(flat, v)}, and each is fitted"
         )
     return _computed(flat, v, known)
 

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from typing import ClassVar
 
@@ -14,19 +15,27 @@ from numpy.typing import NDArray
 from aero_bayes.arrays import FloatArray
 from aero_bayes.display import join_names, table_html
 from aero_bayes.estimate.calibration import Calibration
-from aero_bayes.estimate.delays import StepParameter
+from aero_bayes.estimate.delays import MIN_INFORMATION, StepParameter
 from aero_bayes.plain import plain
 from aero_bayes.simulation.interface import ParameterTarget
 from aero_bayes.simulation.model import Model
 
 #: Posterior over prior standard deviation below which a parameter counts as identified, and above which as not at all.
 IDENTIFIED_BELOW, UNIDENTIFIED_ABOVE = 1.0 / 3.0, 0.95
-#: Information, relative to that of the prior, below which a parameter has no effect on any output.
-MIN_INFORMATION = 1e-8
 #: Eigenvalue of the scaled information below which its direction counts as collinear: the estimate then depends on so
 #: small a part of the readings that a small model error changes it. And the smallest component with which a parameter
 #: belongs to such a direction.
 MAX_COLLINEAR_SHARE, MIN_PART = 1e-5, 0.1
+#: Standard deviation of a value by a common change, over its size, from which the change is told.
+MIN_MOVE = 0.005
+
+#: Why a parameter has no interval whose derivative is none.
+NO_DERIVATIVE = "no interval: the model switches, and its differences over a small step and a large one do not agree"
+#: Notes of an interval without an upper and without a lower end, to be filled with ``(q05, q95, lower, upper)``.
+OPEN_ENDS = (
+    "one-sided interval, > {0}: the readings do not tell larger values apart, up to the bound {3}",
+    "one-sided interval, < {1}: the readings do not tell smaller values apart, down to the bound {2}",
+)
 
 
 class Status(StrEnum):
@@ -74,7 +83,8 @@ class Identifiability:
     """Verdict by parameter: ``status``, and ``ratio`` of posterior to prior standard deviation (search axes).
 
     ``no_effect`` names parameters that change no output; ``flat`` are directions that the data hardly determine;
-    ``steps`` are parameters that act in steps."""
+    ``steps`` are parameters that act in steps; ``with_held`` has the parameters that the data show only together with
+    a value that is held, and a sentence on each."""
 
     status: dict[str, Status]
     ratio: dict[str, float]
@@ -82,6 +92,7 @@ class Identifiability:
     no_effect: tuple[str, ...]
     flat: tuple[FlatDirection, ...] = ()
     steps: tuple[StepParameter, ...] = ()
+    with_held: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def in_steps(self) -> dict[str, StepParameter]:
@@ -94,9 +105,14 @@ class Identifiability:
         return replace(self, steps=steps, no_effect=tuple(name for name in self.no_effect if name not in names))
 
     def capped(self, name: str, status: Status) -> Status:
-        """Return the status of a parameter, at best weak if it belongs to a flat direction."""
-        flat = any(name in direction.members for direction in self.flat)
+        """Return the status of a parameter, at best weak in a flat direction, or beside a held value like it."""
+        flat = name in self.with_held or any(name in direction.members for direction in self.flat)
         return Status.WEAK if flat and status is Status.IDENTIFIED else status
+
+    def beside_held(self, notes: Mapping[str, str]) -> Identifiability:
+        """Return the verdict with the sentences on parameters that are seen only together with a held value."""
+        found = replace(self, with_held=dict(notes))
+        return replace(found, status={name: found.capped(name, one) for name, one in self.status.items()})
 
     def sentences(self, held: Sequence[str] = ()) -> tuple[str, ...]:
         """Return what a reader should know, one sentence each.
@@ -107,7 +123,8 @@ class Identifiability:
         lines += [direction.sentence for direction in self.flat]
         for members in dict.fromkeys(c.members for c in self.combinations):
             lines.append(_determined(members, [c.text for c in self.combinations if c.members == members]))
-        told = {*held, *(name for direction in self.flat for name in direction.members)}
+        lines += [f"`{name}` is known {note}." for name, note in self.with_held.items()]
+        told = {*held, *self.with_held, *(name for direction in self.flat for name in direction.members)}
         weak = [n for n, s in self.status.items() if s is Status.WEAK and n not in told]
         if weak:
             lines.append(f"The readings determine {_listed(weak)} only weakly, so that the prior matters.")
@@ -175,14 +192,23 @@ def assess(
         ratio,
         _combinations(names, values, logarithmic, information, prior_sd, ~blind),
         tuple(name for j, name in enumerate(names) if blind[j]),
-        _flat([n for j, n in enumerate(names) if not blind[j]], information[np.ix_(~blind, ~blind)], prior_sd[~blind]),
+        _flat(
+            [n for j, n in enumerate(names) if not blind[j]],
+            np.where(logarithmic, 1.0, np.abs(values))[~blind],
+            information[np.ix_(~blind, ~blind)],
+            prior_sd[~blind],
+        ),
     )
     return replace(found, status={name: found.capped(name, one) for name, one in status.items()})
 
 
-def _flat(names: Sequence[str], information: FloatArray, prior_sd: FloatArray) -> tuple[FlatDirection, ...]:
+def _flat(
+    names: Sequence[str], size_of: FloatArray, information: FloatArray, prior_sd: FloatArray
+) -> tuple[FlatDirection, ...]:
     """Find directions along which the parameters compensate each other: eigenvectors, of small eigenvalues, of the
-    information scaled to a unit diagonal (Belsley, Kuh & Welsch, 1980, Regression Diagnostics)."""
+    information scaled to a unit diagonal (Belsley, Kuh & Welsch, 1980, Regression Diagnostics).
+
+    Where the readings tell each value (of ``size_of``) closely even so, as of a chaotic system, there is none."""
     if len(names) < 2:
         return ()
     norm = np.sqrt(np.maximum(np.diag(information), 1e-300))
@@ -190,7 +216,9 @@ def _flat(names: Sequence[str], information: FloatArray, prior_sd: FloatArray) -
     sizes, vectors = np.linalg.eigh(0.5 * (scaled + scaled.T))
     found: list[tuple[set[str], int, bool]] = []
     for size, v in zip(np.maximum(sizes, 0.0), vectors.T, strict=True):
-        if size < MAX_COLLINEAR_SHARE:
+        part_of = np.where(np.abs(v) > MIN_PART, np.abs(v), 0.0)
+        moves = float(np.max(part_of / np.maximum(norm * size_of, 1e-300))) / math.sqrt(max(size, 1e-300))
+        if size < MAX_COLLINEAR_SHARE and moves > MIN_MOVE:
             members, changes = {n for n, part in zip(names, np.abs(v), strict=True) if part > MIN_PART}, 1
             by_prior = float(np.sum(v**2 / (prior_sd**2 * np.diag(information)))) > size
             for other in [one for one in found if one[0] & members]:  # directions that share members are one plane
@@ -332,6 +360,15 @@ class Estimate:
         """Return the entry of a parameter that is not fitted, with the reason."""
         no = None, None, None, None
         return cls(name, value, *no, unit, Status.FIXED, description, note=note, recording=recording)
+
+    def with_failed_interval(self, note: str) -> Estimate:
+        """Return the estimate with what is wrong with its interval, which it loses where it has none or one end."""
+        ends = (f"{end:.4g}" for end in (self.q05, self.q95, self.lower, self.upper) if end is not None)
+        told = "; ".join(filter(None, (self.note, note.format(*ends) if note in OPEN_ENDS else note)))
+        if note != NO_DERIVATIVE and note not in OPEN_ENDS:
+            return replace(self, note=told)
+        status = Status.WEAK if note in OPEN_ENDS else self.status
+        return replace(self, status=status, note=told, sd=None, q05=None, q50=None, q95=None)
 
     def __float__(self) -> float:
         return self.value

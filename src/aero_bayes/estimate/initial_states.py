@@ -12,12 +12,14 @@ from typing import Literal
 
 import numpy as np
 
+from aero_bayes.arguments import names_of
 from aero_bayes.arrays import FloatArray
-from aero_bayes.data.columns import noise_size
+from aero_bayes.data.columns import ColumnMap, noise_size
 from aero_bayes.data.noise import output_noise_floor
 from aero_bayes.data.read import column_names
 from aero_bayes.data.recording import Recording
 from aero_bayes.data.screen import screen_all
+from aero_bayes.display import SettingsDisplay
 from aero_bayes.errors import InputError
 from aero_bayes.estimate.measured_data import readings_of
 from aero_bayes.estimate.noise import NoiseModel
@@ -81,9 +83,7 @@ def start_parameters(
     if policy == "estimated":
         rest = [state for state in model.states if state.name not in seen and state.name not in given]
         spreads = state_sizes(model, experiment, rest)
-        found += [
-            _start(_named(s.name, model) + suffix, s.name, s, s.start or 0.0, spreads[s.name], index) for s in rest
-        ]
+        found += [held_start(model, s, spreads[s.name], suffix, index) for s in rest]
     return start, found
 
 
@@ -145,6 +145,11 @@ def _start(name: str, of: str, state: Variable, expected: float, spread: float, 
     )
 
 
+def held_start(model: Model, state: Variable, size: float, suffix: str, index: int) -> Parameter:
+    """Return the initial value of a state that the model fixes, as it is estimated; ``size`` is that of the state."""
+    return _start(_named(state.name, model) + suffix, state.name, state, state.start or 0.0, size, index)
+
+
 def _start_prior(state: Variable, expected: float, spread: float) -> tuple[float, float, Normal]:
     """Choose bounds and prior of a state's initial value."""
     low, high = expected - MAX_DEVIATION * spread, expected + MAX_DEVIATION * spread
@@ -160,7 +165,7 @@ def state_sizes(model: Model, experiment: Experiment, states: list[Variable]) ->
     if not states:
         return {}
     names = tuple(state.name for state in states)
-    watched = replace(experiment, outputs=names, measured=None)
+    watched = replace(experiment, outputs=names, measured=None, spread=None)
     with open_simulator(Problem(model, (watched,), ((),)), workers=0) as simulator:
         result = simulator.simulate(np.empty((1, 0)))
     spreads = {}
@@ -183,8 +188,8 @@ def first_reading_of(values: FloatArray, recording: Recording) -> float | None:
 DelayPolicy = Literal["auto", "free", "none"]
 
 
-@dataclass(frozen=True)
-class CalibrationSettings:
+@dataclass(frozen=True, repr=False)
+class CalibrationSettings(SettingsDisplay):
     """How recordings are turned into a problem.
 
     Parameters
@@ -217,8 +222,7 @@ class CalibrationSettings:
 
     Examples
     --------
-    >>> from aero_bayes.estimate import CalibrationSettings
-    >>> settings = aero_bayes.FitSettings(calibration=CalibrationSettings(delay="none"))
+    >>> settings = aero_bayes.FitSettings(calibration=aero_bayes.CalibrationSettings(delay="none"))
     >>> list(aero_bayes.fit(recording, model, parameters=free, settings=settings, workers=0).parameters)
     ['k', 'd', 'position_start']
     """
@@ -233,6 +237,30 @@ class CalibrationSettings:
     interpolation: Literal["auto", "hold", "linear"] | Mapping[str, Interpolation] = "hold"
     solver: SolverSettings = field(default_factory=SolverSettings)
 
+    def __post_init__(self) -> None:
+        for name in ("outputs", "may_start_at_rest"):
+            if (given := getattr(self, name)) is not None:
+                object.__setattr__(self, name, names_of(given, name))
+
+
+def in_units_of(model: Model, recording: Recording) -> Recording:
+    """Return a recording in the units of a model: what it says its columns are in is converted, the rest taken so."""
+    wanted = {v.name: v.unit for v in (*model.inputs, *model.outputs)}
+    units = {**wanted, **recording.units}
+
+    def converted(columns: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
+        return {name: ColumnMap(name, units[name]).convert(values, name, wanted[name])
+                if wanted.get(name, "") not in ("", units.get(name, "")) and units[name] else values
+                for name, values in columns.items()}  # fmt: skip
+
+    own = {name: wanted.get(name) or unit for name, unit in units.items()}
+    if units == recording.units == own:
+        return recording
+    try:
+        return replace(recording, inputs=converted(recording.inputs), outputs=converted(recording.outputs), units=own)
+    except InputError as error:
+        raise InputError(f"{recording.path or recording.name}, {error}") from None
+
 
 #: If the model starts above the first temperature in K, readings that begin below the second must be degrees Celsius.
 MIN_KELVIN_START, MAX_CELSIUS_READING = 200.0, 150.0
@@ -246,9 +274,8 @@ def check_plausible(recordings: Iterable[Recording], model: Model) -> None:
 
 
 def screened(recordings: Sequence[Recording], model: Model) -> tuple[Recording, ...]:
-    """Mend and tell faults of recordings, and cut them at gaps; units that they lack are the model's."""
-    units = {v.name: v.unit for v in (*model.inputs, *model.outputs)}
-    return screen_all([replace(r, units={**units, **r.units}) if set(units) - set(r.units) else r for r in recordings])
+    """Mend and tell faults of recordings, and cut them at gaps; they are in the model's units."""
+    return screen_all([in_units_of(model, r) for r in recordings])
 
 
 def _check_inputs(recording: Recording, model: Model) -> None:
@@ -259,10 +286,14 @@ def _check_inputs(recording: Recording, model: Model) -> None:
         there = column_names(path) if path is not None and path.is_file() else [*recording.inputs, *recording.outputs]
         close = closest_name(missing[0], there)
         meant = f"; did you mean {close}?" if close else ""
-        raise InputError(
+        lacks = (
             f"{path or recording.name}: the input {missing[0]} of model {model.name} has no column (there are "
-            f"{', '.join(there)}{meant}); name it in [data] inputs and [data.columns.{missing[0]}], or give it a "
-            f"value: [data] constants = {{{missing[0]} = ...}}"
+            f"{', '.join(there)}{meant})"
+        )
+        raise InputError(
+            f"{lacks}; name it among the inputs that are read, or add it with its values",
+            f"{lacks}; name it in [data] inputs and [data.columns.{missing[0]}], or give it a value: [data] constants "
+            f"= {{{missing[0]} = ...}}",
         )
 
 
@@ -275,10 +306,11 @@ def _check_temperatures(recording: Recording, model: Model) -> None:
         start, first = (state_of(model, v.name) or v).start or warm, float(values[np.isfinite(values)][0])
         low, high = float(np.nanmin(values)), float(np.nanmax(values))
         if start > MIN_KELVIN_START and first < MAX_CELSIUS_READING:
-            raise InputError(
+            what = (
                 f"{recording.path or recording.name}, column {v.name}: reads {low:.4g} to {high:.4g}, where the model "
-                f'starts at {start:.4g} K: looks like degC or degF; say so, as by [data.columns.{v.name}] unit = "degC"'
+                f"starts at {start:.4g} K: looks like degC or degF; say so, as by"
             )
+            raise InputError(f'{what} units={{"{v.name}": "degC"}}', f'{what} [data.columns.{v.name}] unit = "degC"')
 
 
 #: What the name of a diffusion's parameter begins with; the state follows.

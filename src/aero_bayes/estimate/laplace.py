@@ -193,7 +193,9 @@ def curvature_adjustment(objective: Objective, optimum: Optimum) -> CurvatureAdj
     stretch = polar((vectors * full) @ vectors.T @ adjusted @ (vectors * full) @ vectors.T)[1]
     inverse = (vectors / full) @ vectors.T
     scaled = inverse @ stretch @ inverse
-    return CurvatureAdjustment(optimum.coordinates[list(optimum.free)], scaled * unit[:, None] / unit[None, :])
+    here = optimum.coordinates[list(optimum.free)]
+    prior = ParameterSet(tuple(items)).prior_derivatives(here)[0]
+    return CurvatureAdjustment(here, scaled * unit[:, None] / unit[None, :], prior)
 
 
 def widened_covariance(objective: Objective, optimum: Optimum) -> FloatArray:
@@ -345,7 +347,8 @@ def laplace_estimates(
         table[item.name] = Estimate(
             item.name, float(values[column]), *interval, item.unit, status, item.description,
             item.prior.describe(item.unit), item.start, item.lower, item.upper,
-            _note(status, column in free, item.name, identifiability) or _off_rest(item, values[column], interval[0]),
+            _note(status, column in free, item.name, identifiability)
+            or _off_start(item, calibration, values[column], interval[0]),
             recordings[item.recording] if item.recording is not None and len(recordings) > 1 else "",
         )  # fmt: skip
     return table | fixed_parameters(calibration)
@@ -363,14 +366,21 @@ def _note(status: Status, free: bool, name: str, identifiability: Identifiabilit
         return "the data says no more of it than the prior"
     if status is Status.AT_BOUND:
         return "ended on a bound of its search: no interval from there; widen the bound or look at the model"
+    if name in identifiability.with_held:
+        return identifiability.with_held[name]
     together = (m for d in identifiability.flat if name in d.members for m in d.members)
     if fixed := [m for m in dict.fromkeys(together) if identifiability.status[m] is Status.AT_BOUND]:
         return f"the interval holds with {join_names(fixed)} on its bound only"
     return ""
 
 
-def _off_rest(item: Parameter, value: float, sd: float | None) -> str:
-    """Say that a state that the model starts at rest was not; empty for any other parameter."""
-    if not isinstance(item.target, StartTarget) or item.start != 0.0 or not sd or abs(value) < REST_DEVIATIONS * sd:
+def _off_start(item: Parameter, calibration: Calibration, value: float, sd: float | None) -> str:
+    """Say that a state did not start where the model says; empty for any other parameter, and one that was read."""
+    if not isinstance(item.target, StartTarget) or not sd or item.recording is None:
         return ""
-    return f"the model starts at 0, which is {abs(value) / sd:.1f} standard deviations off"
+    state = item.target.state
+    start = next((s.start or 0.0 for s in calibration.model.states if s.name == state), value)
+    off = abs(value - start) / sd
+    if state in calibration.data.experiments[item.recording].start or off < REST_DEVIATIONS:
+        return ""
+    return f"the model starts at {start:.5g}, which is {off:.1f} standard deviations off"

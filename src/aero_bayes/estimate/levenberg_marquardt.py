@@ -399,8 +399,8 @@ class FitSettings(SettingsDisplay):
         Let the local search fit in the direction of causality before it fits all together.
     stages : tuple of Stage, optional
         Stages in place of those that the model's own structure gives.
-    pso : SwarmSettings
-        Of the particle swarm.
+    pso : SwarmSettings, optional
+        Of the particle swarm; None for none.
     local : LocalSettings
         Of each local search of the whole model, as given.
     swarm_samples : int
@@ -427,7 +427,7 @@ class FitSettings(SettingsDisplay):
     cost: CostKind = "posterior"
     staged: bool = True
     stages: tuple[Stage, ...] | None = None
-    pso: SwarmSettings = field(default_factory=SwarmSettings)
+    pso: SwarmSettings | None = field(default_factory=SwarmSettings)
     local: LocalSettings = field(default_factory=lambda: WHOLE_MODEL_LOCAL)
     swarm_samples: int = 600
     starts: int = 3

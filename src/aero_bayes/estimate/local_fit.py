@@ -360,6 +360,7 @@ def fit_progressive_horizon(
     settings: LocalFitSettings,
     open_simulator: OpenSimulator,
     known: FloatArray | None = None,
+    on_iteration: Callable[[int, float], object] | None = None,
 ) -> tuple[FloatArray, int]:
     """Fit ever longer horizons by least squares."""
     by_squares = settings.least_squares(whole.outputs)
@@ -370,7 +371,7 @@ def fit_progressive_horizon(
             part = replace(whole.calibration, data=whole.calibration.data.beginning(share))
             with open_simulator(part.problem()) as simulator, suppress(CannotFinishError):
                 objective = whole.with_calibration(part, simulator)
-                found = local_fit(objective, point, free, settings=by_squares)
+                found = local_fit(objective, point, free, settings=by_squares, on_iteration=on_iteration)
                 point, steps = found.coordinates, steps + found.steps
                 if share >= MIN_CHECKED_SHARE and known is not None:
                     (reference,) = objective.residuals(known[np.newaxis, :])

@@ -16,8 +16,11 @@ from aero_bayes.estimate.noise import NoiseModel
 from aero_bayes.estimate.reading_spread import SpreadModel
 from aero_bayes.simulation.interface import Experiment, Interpolation
 
+#: Readings of an output that a beginning holds at least.
+FIRST_READINGS = 20
 
-def rows_of_first_readings(measured: FloatArray, least: int = 20) -> int:
+
+def rows_of_first_readings(measured: FloatArray, least: int = FIRST_READINGS) -> int:
     """Return how many rows hold the first ``least`` readings of every output (n, m), or all that it has."""
     counts = np.cumsum(np.isfinite(measured), axis=0)
     enough = counts >= np.minimum(counts[-1], least)
@@ -130,8 +133,12 @@ class MeasuredData:
         return found
 
     def beginning(self, share: float) -> MeasuredData:
-        """Keep the first ``share`` of each recording's samples, at least twenty readings an output."""
-        rows = [max(int(share * len(y)), rows_of_first_readings(y)) for y in self.measured]
+        """Keep the first ``share`` of each recording's samples, at least twenty readings an output, or a quarter."""
+        counts = [int(np.isfinite(y).sum(axis=0).max(initial=0)) for y in self.measured]
+        least = [min(FIRST_READINGS, -(-n // 4)) for n in counts]
+        rows = [
+            max(int(share * len(y)), rows_of_first_readings(y, n)) for y, n in zip(self.measured, least, strict=True)
+        ]
         return self.with_experiments(e.at_samples(slice(n)) for e, n in zip(self.experiments, rows, strict=True))
 
     def thinned(self, samples: int) -> MeasuredData:

@@ -6,6 +6,8 @@ Clocks are looked for in the fitted trajectory: it is compared with the readings
 one Newton step. An output that comes late is no fault of a clock: sensors lag and inputs are delayed. A clock that runs
 at another rate is told where the inputs keep changing, since a single response runs faster with other parameters, too.
 Of parameters that may have another value, or one in each recording, one Newton step from the fit says which to try.
+So it does of constants at a channel, which are tried where no discrete reading explains all. The pull of the priors and
+means over intervals are looked at first.
 """
 
 from __future__ import annotations
@@ -13,23 +15,36 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from itertools import combinations
 
 import numpy as np
 
 from aero_bayes.arrays import FloatArray
-from aero_bayes.data.find_table import DataFinding, FindingKind
 from aero_bayes.data.recording import Recording
-from aero_bayes.display import join_names, with_unit
+from aero_bayes.display import join_names
 from aero_bayes.errors import CannotFinishError, InputError
 from aero_bayes.estimate.calibration import Calibration, for_recordings
+from aero_bayes.estimate.diagnosis import LeftOver
+from aero_bayes.estimate.interval_means import without_means
 from aero_bayes.estimate.local_fit import OpenSimulator
-from aero_bayes.estimate.measured_data import MeasuredData
 from aero_bayes.estimate.objective import Objective
+from aero_bayes.estimate.other_reading import (
+    MIN_CLEAN_FACTOR,
+    MIN_WORST,
+    Reading,
+    after_step,
+    change_of,
+    changed_columns,
+    converted,
+    residual_shares,
+    with_finding,
+)
 from aero_bayes.estimate.parameters import Parameter, ParameterSet, parameters_from_model
+from aero_bayes.estimate.prior_pull import without_wrong_prior
 from aero_bayes.estimate.result import Fit
+from aero_bayes.estimate.zero_shift import without_constant
 from aero_bayes.modelica.units import conversion
 from aero_bayes.simulation.interface import Outcome, ParameterTarget
 
@@ -43,9 +58,10 @@ UNITS = (
 CLOCKS = {"ms": 1e-3, "us": 1e-6}
 #: Residual, as a share of what an output moves, from which a fit is so poor that a channel may be another one.
 POOR_SHARE = 0.1
-#: Factor by which the right reading makes a residual smaller at least, and where only noise is left then;
-#: no output gets worse. Parameters take up much of a clock's error.
-MIN_FACTOR, MIN_CLEAN_FACTOR, MIN_WORST = 3.0, 1.5, 0.9
+#: Factors that are left out where a unit is taken for another one that is not declared.
+FACTORS = {"2 pi": 2.0 * math.pi, "1000": 1e3, "1e5": 1e5, "9.81": 9.81, "3.6": 3.6, "60": 60.0}
+#: Factor by which the right reading makes a residual smaller at least. Parameters take up much of a clock's error.
+MIN_FACTOR = 3.0
 #: Factor from which no other reading is tried, where only noise is left.
 SURE_FACTOR = 20.0
 #: Most readings of a kind that are tried by a fit, most of clocks, and samples of a recording that it is to.
@@ -61,18 +77,6 @@ PARTS = 3
 MOST_HELD = 20
 
 
-@dataclass(frozen=True)
-class _Reading:
-    """Another way to read the data."""
-
-    kind: FindingKind
-    channel: str
-    what: str
-    done: str
-    recorded: Callable[[Recording], Recording] = lambda recording: recording
-    calibrated: Callable[[Calibration], Calibration] = lambda calibration: calibration
-
-
 def with_misread_finding(
     fit: Fit,
     calibrated: Callable[[Sequence[Recording]], Calibration],
@@ -82,39 +86,48 @@ def with_misread_finding(
     """Return the fit with a finding of its data where it is poor, and good with the data read in another way."""
     data = fit.calibration.data
     structured = any(n.model_error or n.kind == "ou" for n in fit.noise.values())
-    if not structured or fit.calibration.process is not None:
+    if fit.calibration.process is not None or not (structured or LeftOver(fit).structured):
         return fit
-    tried: list[tuple[float, _Reading, Calibration]] = []
-    poor = max(_shares(data, fit.fitted).values(), default=0.0) > POOR_SHARE
+    if (told := without_wrong_prior(fit, fitted)) is not None:
+        return told
+    if (told := without_means(fit, calibrated, fitted, open_simulator)) is not None:
+        return told
+    if not structured:
+        found = without_constant(fit, calibrated, fitted, open_simulator)
+        return fit if found is None else found
+    tried: list[tuple[float, Reading, Calibration]] = []
+    poor = max(residual_shares(data, fit.fitted).values(), default=0.0) > POOR_SHARE
     readings = [r for r in _readings(fit) if poor or r.kind == "swap"]  # two channels may be nearly alike
     for reading in (*readings, *_clocks(fit), *_other_values(fit, open_simulator)):
         with suppress(InputError, CannotFinishError):
             calibration = reading.calibrated(calibrated([reading.recorded(r) for r in data.recordings]))
             calibration = replace(calibration, data=calibration.data.thinned(SAMPLES))
             tried.append((_nearest(calibration, fit, open_simulator), reading, calibration))
-    best: tuple[float, _Reading, dict[str, tuple[float, float]]] | None = None
-    sure = False
+    best: tuple[float, Reading, Fit] | None = None
+    sure = clean = False
     for reading, calibration in _most_promising(tried):
         if sure:
             break
         with suppress(CannotFinishError):
             again = fitted(calibration)
-            change = _change(fit, again)
+            change = change_of(fit, again)
             gains = [before / after for before, after in change.values()] or [0.0]
             if max(gains) < MIN_CLEAN_FACTOR or min(gains) < MIN_WORST:
                 continue
             structured = any(n.model_error for n in again.noise.values())
-            if structured and reading.kind == "value":
-                continue  # other values take up a part of whatever is missing
+            if structured and reading.kind in ("value", "factor"):
+                continue  # other values and factors take up a part of whatever is missing
             sure = sure or (max(gains) > SURE_FACTOR and not structured)
             # All outputs count: one alone may be moved to where it fits best.
             total = math.prod(gains)
             if (max(gains) > MIN_FACTOR or not structured) and (best is None or total > best[0]):
-                best = total, reading, change
-    return fit if best is None else _told(fit, best[1], best[2])
+                best, clean = (total, reading, again), not structured
+    if not clean and (told := without_constant(fit, calibrated, fitted, open_simulator)) is not None:
+        return told
+    return fit if best is None else with_finding(fit, best[1], best[2])
 
 
-def _most_promising(tried: list[tuple[float, _Reading, Calibration]]) -> Iterator[tuple[_Reading, Calibration]]:
+def _most_promising(tried: list[tuple[float, Reading, Calibration]]) -> Iterator[tuple[Reading, Calibration]]:
     """Yield the readings to fit, those first that leave least before: what parameters change differs by kind."""
     kinds = dict.fromkeys(_kind_of(reading) for _, reading, _ in tried)
     for kind in kinds:
@@ -124,23 +137,11 @@ def _most_promising(tried: list[tuple[float, _Reading, Calibration]]) -> Iterato
         yield from ((reading, calibration) for _, reading, calibration in own[:most])
 
 
-def _kind_of(reading: _Reading) -> str:
+def _kind_of(reading: Reading) -> str:
     return "time" if reading.channel == "time" else reading.kind
 
 
-def _told(fit: Fit, reading: _Reading, change: dict[str, tuple[float, float]]) -> Fit:
-    """Return the fit with the finding."""
-    data, units = fit.calibration.data, fit.calibration.model.units
-    output = max(change, key=lambda o: change[o][0] / change[o][1])
-    before, after = (with_unit(f"{size:.2g}", units.get(output, "")) for size in change[output])
-    where = "all recordings" if len(data.recordings) > 1 else data.names[0]
-    what = f"{reading.what}, the residual of {output} falls from {before} to {after}."
-    finding = DataFinding(reading.kind, data.names[0], reading.channel, what, where, reading.done, False)
-    told = tuple(replace(r, findings=(finding, *r.findings)) for r in data.recordings)
-    return replace(fit, calibration=replace(fit.calibration, data=replace(data, recordings=told)))
-
-
-def _readings(fit: Fit) -> list[_Reading]:
+def _readings(fit: Fit) -> list[Reading]:
     """List each channel with its sign turned and in each unit of its dimension, exchanged pairs, and clocks."""
     model, data = fit.calibration.model, fit.calibration.data
     inputs, outputs = (
@@ -152,49 +153,38 @@ def _readings(fit: Fit) -> list[_Reading]:
         if v.unit != "K":
             done = f"Turn it by [data.columns.{v.name}] scale = -1.0."
             what = f"{v.name} looks counted the other way round: with its sign turned"
-            found.append(_Reading("sign", v.name, what, done, partial(_converted, v.name, -1.0, 0.0)))
+            found.append(Reading("sign", v.name, what, done, partial(converted, v.name, -1.0, 0.0)))
         for unit in UNITS:
             change = conversion(unit, v.unit) if v.unit else None
             if change is not None and not (math.isclose(change[0], 1.0) and change[1] == 0.0):
                 done = f'Say so by [data.columns.{v.name}] unit = "{unit}".'
-                found.append(_Reading(
+                found.append(Reading(
                     "unit", v.name, f"{v.name} looks like {unit}: read as such", done,
-                    partial(_converted, v.name, *change),
+                    partial(converted, v.name, *change),
                 ))  # fmt: skip
+        for text, factor in FACTORS.items():
+            for sign, how in ((1.0, "small"), (-1.0, "large")):
+                what = f"{v.name} looks too {how} by a factor of {text}: with it"
+                done = f"Say its unit, or give it by [data.columns.{v.name}] scale = {factor**sign:.6g}."
+                found.append(Reading("factor", v.name, what, done, partial(converted, v.name, factor**sign, 0.0)))
     for one, other in (*combinations(inputs, 2), *combinations(outputs, 2)):
         if one.unit == other.unit:
             done = f"Exchange them by [data.columns.{one.name}] and [data.columns.{other.name}]."
             what = f"{one.name} and {other.name} look exchanged: each read as the other"
-            found.append(_Reading("swap", one.name, what, done, partial(_exchanged, one.name, other.name)))
+            found.append(Reading("swap", one.name, what, done, partial(_exchanged, one.name, other.name)))
     for unit, factor in CLOCKS.items():
         done = f'Say so by [data.columns.time] unit = "{unit}".'
-        found.append(_Reading("unit", "time", f"time looks like {unit}: read as such", done, partial(_timed, factor)))
+        found.append(Reading("unit", "time", f"time looks like {unit}: read as such", done, partial(_timed, factor)))
     return found
-
-
-def _columns(recording: Recording, change: Callable[[dict[str, FloatArray]], dict[str, FloatArray]]) -> Recording:
-    inputs, outputs = change(dict(recording.inputs)), change(dict(recording.outputs))
-    return replace(recording, inputs=inputs, outputs=outputs, sha256="")
-
-
-def _converted(channel: str, factor: float, offset: float, recording: Recording) -> Recording:
-    return _columns(recording, lambda c: {n: factor * v + offset if n == channel else v for n, v in c.items()})
 
 
 def _exchanged(one: str, other: str, recording: Recording) -> Recording:
     names = {one: other, other: one}
-    return _columns(recording, lambda c: {n: c.get(names.get(n, n), v) for n, v in c.items()})
+    return changed_columns(recording, lambda c: {n: c.get(names.get(n, n), v) for n, v in c.items()})
 
 
 def _timed(factor: float, recording: Recording) -> Recording:
     return replace(recording, time=factor * recording.time, sha256="")
-
-
-def _change(fit: Fit, again: Fit) -> dict[str, tuple[float, float]]:
-    """Compute RMS residuals before and after, in the unit of the output, which reading may have changed."""
-    before, after = _shares(fit.calibration.data, fit.fitted), _shares(again.calibration.data, again.fitted)
-    rms = fit.rms
-    return {o: (rms[o], rms[o] * max(after[o] / before[o], 1e-12)) for o in before if o in after and before[o] > 0.0}
 
 
 def _nearest(calibration: Calibration, fit: Fit, open_simulator: OpenSimulator) -> float:
@@ -206,26 +196,14 @@ def _nearest(calibration: Calibration, fit: Fit, open_simulator: OpenSimulator) 
     with open_simulator(calibration.problem()) as simulator:
         runs = simulator.simulate(rows)
     shares = [
-        max(_shares(calibration.data, [y[k] for y in runs.outputs]).values(), default=math.inf)
+        max(residual_shares(calibration.data, [y[k] for y in runs.outputs]).values(), default=math.inf)
         for k in range(len(rows))
         if np.all(runs.outcomes[k] == Outcome.OK)
     ]
     return min(shares, default=math.inf)
 
 
-def _shares(data: MeasuredData, outputs: Sequence[FloatArray]) -> dict[str, float]:
-    """Compute the RMS residual of each output as a share of the standard deviation of its readings."""
-    shares = {}
-    for k, name in enumerate(data.outputs):
-        read = np.concatenate([y[:, k] for y in data.measured])
-        left = read - np.concatenate([y[:, k] for y in outputs])
-        seen = np.isfinite(left)
-        if seen.any() and (size := float(np.std(read[seen]))) > 0.0:
-            shares[name] = float(np.sqrt(np.mean(left[seen] ** 2))) / size
-    return shares
-
-
-def _clocks(fit: Fit) -> list[_Reading]:
+def _clocks(fit: Fit) -> list[Reading]:
     """List outputs that are ahead, and clocks that are off, where the squares of an output fall: the best first."""
     data = fit.calibration.data
     if not any(e.inputs for e in data.experiments):
@@ -253,7 +231,7 @@ def _clocks(fit: Fit) -> list[_Reading]:
     return [_clock(output, rate, samples, interval) for _, output, rate, samples in chosen]
 
 
-def _clock(output: str, rate: float, samples: int, interval: float) -> _Reading:
+def _clock(output: str, rate: float, samples: int, interval: float) -> Reading:
     """Return the reading with outputs on the inputs' clock: one of them, or all (empty)."""
     ahead = samples * interval
     if rate:
@@ -263,7 +241,7 @@ def _clock(output: str, rate: float, samples: int, interval: float) -> _Reading:
     else:
         what = f"{output} looks {ahead:.3g} s ({samples} samples) ahead of the inputs: moved back"
         done = f"Shift its column, or let the fit do so by [fit] max_input_delay = -{1.5 * ahead:.2g}."
-    return _Reading("clock", output, what, done, calibrated=partial(_aligned, output, rate, ahead))
+    return Reading("clock", output, what, done, calibrated=partial(_aligned, output, rate, ahead))
 
 
 def _aligned(output: str, rate: float, ahead: float, calibration: Calibration) -> Calibration:
@@ -310,7 +288,7 @@ def _left(fit: Fit, rate: float, ahead: float, moved: set[int]) -> float:
         rows.append((series.measured[::every] - np.interp(at, time, predicted[k])) / sd)
         columns.append(np.array([np.interp(at, time, row) for row in slopes[k]]).reshape(len(slopes[k]), -1) / sd)
     residual, design = np.concatenate(rows), np.concatenate(columns, axis=1)
-    after = np.split(_after_step(design, residual), np.cumsum([r.size for r in rows])[:-1])
+    after = np.split(after_step(design, residual), np.cumsum([r.size for r in rows])[:-1])
     # The present residual is of unit size in each output.
     return min(
         float(np.mean(np.concatenate([r for s, r in zip(fit.series, after, strict=True) if s.output == o]) ** 2))
@@ -318,13 +296,7 @@ def _left(fit: Fit, rate: float, ahead: float, moved: set[int]) -> float:
     )
 
 
-def _after_step(design: FloatArray, residual: FloatArray) -> FloatArray:
-    """Return what one Newton step of least squares along rows of slopes (k, n) leaves of a residual (n,)."""
-    step = np.linalg.lstsq(design.T, residual, rcond=1e-8)[0] if len(design) else np.zeros(0)
-    return np.asarray(residual - step @ design)
-
-
-def _other_values(fit: Fit, open_simulator: OpenSimulator) -> list[_Reading]:
+def _other_values(fit: Fit, open_simulator: OpenSimulator) -> list[Reading]:
     """List changes of values that leave least of the squares, the best of each kind first."""
     calibration, count = fit.calibration, len(fit.calibration.parameters)
     items, held = calibration.parameters.items, _held(fit.calibration)
@@ -342,7 +314,7 @@ def _other_values(fit: Fit, open_simulator: OpenSimulator) -> list[_Reading]:
     runs = np.repeat([sorted(set(names)).index(name) for name in names], [s.sampling.size for s in fit.series])
 
     def left(extra: FloatArray) -> float:
-        rest = _after_step(np.vstack([slopes[: len(fit.free)], extra]), residual)
+        rest = after_step(np.vstack([slopes[: len(fit.free)], extra]), residual)
         return float(rest @ rest)
 
     columns = {(p,): len(fit.free) + k for k, p in enumerate(held)}
@@ -358,22 +330,22 @@ def _other_values(fit: Fit, open_simulator: OpenSimulator) -> list[_Reading]:
     return [one for kind in (tried, own) for _, one in sorted(kind, key=lambda pair: pair[0])[:MAX_TRIED]]
 
 
-def _freed(held: tuple[Parameter, ...]) -> _Reading:
+def _freed(held: tuple[Parameter, ...]) -> Reading:
     """Return the reading with parameters fitted that were held."""
     names, alone = join_names([p.name for p in held]), len(held) == 1
     what = f"{names} is held at a value" if alone else f"{names} are held at values"
     what = f"{what} that may be wrong: with {'it' if alone else 'these'} fitted, too"
     done = f"Fit {'it by' if alone else 'them, as by'} [parameters] {held[0].name} = {{free = true}}."
-    return _Reading("value", names, what, done, calibrated=partial(_with_values, held, False))
+    return Reading("value", names, what, done, calibrated=partial(_with_values, held, False))
 
 
-def _split(parameter: tuple[Parameter], held: bool) -> _Reading:
+def _split(parameter: tuple[Parameter], held: bool) -> Reading:
     """Return the reading with a value of a parameter in each recording."""
     name = parameter[0].name
     what = f"{name} seems to differ from recording to recording: with a value of its own in each"
     fitted = f"by [parameters] {name} = {{free = true, per_recording = true}}"
     done = f"If it is known, give value = {{NAME = ...}}; else fit it {fitted}." if held else f"Fit it {fitted}."
-    return _Reading("value", name, what, done, calibrated=partial(_with_values, parameter, True))
+    return Reading("value", name, what, done, calibrated=partial(_with_values, parameter, True))
 
 
 def _with_values(parameters: tuple[Parameter, ...], by_recording: bool, calibration: Calibration) -> Calibration:

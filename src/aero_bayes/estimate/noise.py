@@ -117,7 +117,8 @@ class NoiseModel:
             return None if known is None else [known] * len(recordings)
         for name in recordings:
             if name not in known:
-                raise InputError(f"[noise.{output}] sd: no value for recording {name}; there are {', '.join(known)}")
+                told = f"no value for recording {name}; there are {', '.join(known)}"
+                raise InputError(f"noise: sd of {output}: {told}", f"[noise.{output}] sd: {told}")
         return [known[name] for name in recordings]
 
     def declared(self, output: str) -> DeclaredNoise:

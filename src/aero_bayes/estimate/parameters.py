@@ -388,8 +388,9 @@ def parameters_from_model(
         variable, override = known[name], overrides.get(name, ParameterSpec())
         start = first_given(override.start, variable.start, variable.nominal)
         if start is None:
+            none = f"{name}: the model gives it no value to start a search from;"
             raise InputError(
-                f"{name}: the model gives it no value to start a search from; [parameters.{name}] value can"
+                f'{none} give one, as by parameters={{"{name}": 1.0}}', f"{none} [parameters.{name}] value can"
             )
         lower, upper = default_bounds(
             start, first_given(override.lower, model_bound(variable.minimum, start)),

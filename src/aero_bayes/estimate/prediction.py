@@ -298,15 +298,24 @@ class FittedResult(ABC):
     def __contains__(self, name: str) -> bool:
         return name in self.parameters
 
+    @property
+    @abstractmethod
+    def verdict(self) -> str:
+        """Whether the model explains the recordings, in a line."""
+
     def summary(self) -> str:
-        """Return a table of the parameters as text: value, 90 % interval, unit, status.
+        """Return whether the model explains the data, and a table of parameters: value, 90 % interval, unit, status.
 
         Examples
         --------
-        >>> fit.summary().splitlines()[0].split()[:2]
-        ['parameter', 'value']
+        >>> said, head, *rows = fit.summary().splitlines()
+        >>> said == fit.verdict, head.split()[:2]
+        (True, ['parameter', 'value'])
         """
-        return "\n".join(parameter_lines(self.parameters))
+        return "\n".join([self.verdict, *parameter_lines(self.parameters)])
+
+    def __str__(self) -> str:
+        return self.summary()
 
     def to_frame(self) -> pandas.DataFrame:
         """Return a row for each parameter: value, standard deviation, quantiles (SI), unit, status, prior, bounds.

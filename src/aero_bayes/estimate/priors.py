@@ -45,6 +45,10 @@ class Prior(ABC):
     def describe(self, unit: str) -> str:
         """Return what a reader of a report sees."""
 
+    def deviations(self, x: float) -> float:
+        """Return by how many of its standard deviations a value is off its centre; 0 for one without a centre."""
+        return 0.0
+
     def bounded(self, lower: float, upper: float) -> Self:
         """Return the same density truncated to the intersection of its bounds with these."""
         return replace(self, lower=max(lower, self.lower), upper=min(upper, self.upper))  # type: ignore[type-var]
@@ -199,6 +203,9 @@ class Normal(Prior):
         x = np.asarray(x, dtype=np.float64)
         return -(x - self.mean) / self.sd**2, np.full(x.shape, -1.0 / self.sd**2)
 
+    def deviations(self, x: float) -> float:
+        return abs(x - self.mean) / self.sd
+
     def sample(self, rng: np.random.Generator, size: int) -> FloatArray:
         return self.mean + self.sd * _truncated_normal(rng, *self._limits, size)
 
@@ -264,6 +271,9 @@ class LogNormal(Prior):
         x = np.asarray(x, dtype=np.float64)
         z = (np.log(x) - math.log(self.median)) / self.sigma
         return -(1.0 + z / self.sigma) / x, (1.0 + z / self.sigma - 1.0 / self.sigma**2) / x**2
+
+    def deviations(self, x: float) -> float:
+        return abs(math.log(x / self.median)) / self.sigma if x > 0.0 else math.inf
 
     def sample(self, rng: np.random.Generator, size: int) -> FloatArray:
         return np.asarray(self.median * np.exp(self.sigma * _truncated_normal(rng, *self._limits, size)))

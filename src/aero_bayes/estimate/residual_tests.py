@@ -12,6 +12,7 @@ from scipy.special import chdtrc
 
 from aero_bayes.arrays import FloatArray
 from aero_bayes.data.recording import Recording
+from aero_bayes.data.split import Part, Role
 from aero_bayes.estimate.calibration import Calibration
 from aero_bayes.estimate.local_fit import Optimum
 from aero_bayes.estimate.measured_data import MeasuredData
@@ -35,6 +36,8 @@ ResidualVerdict = Literal["adequate", "structured"]
 #: Residual, as a share of what an output moves, up to which it is rounding, and up to which it may be the solver's
 #: error: no sensor is that good, and simulated data without noise leave less.
 ROUNDING_SHARE, SOLVER_SHARE = 1e-6, 1e-4
+#: Residual over the step of readings from which their rounding is in it: that of a register that counts far.
+MIN_STEP_SHARE = 0.2
 #: Ratio of a residual to the noise floor above which it is structured, regardless of the tests.
 MAX_FLOOR_RATIO = 2.0
 
@@ -86,6 +89,14 @@ def exact_level(solver: SolverSettings, series: Series) -> float:
     size, moved = float(np.max(np.abs(series.measured))), float(np.ptp(series.measured))
     error = solver.relative_tolerance * size + solver.absolute_tolerance
     return max(ROUNDING_SHARE * moved, min(error, SOLVER_SHARE * moved))
+
+
+def _resolution(values: FloatArray) -> float:
+    """Return the step that readings are multiples of; infinity for readings with all their digits."""
+    steps = np.diff(np.unique(np.diff(values)))
+    steps = steps[steps > 64.0 * np.finfo(float).eps * np.max(np.abs(values))]
+    count = steps / steps.min(initial=math.inf)
+    return float(steps.min()) if count.size and np.mean(np.abs(count - np.rint(count)) < 0.05) > 0.95 else math.inf
 
 
 def structured_residuals(reports: Iterable[ResidualReport]) -> list[ResidualReport]:
@@ -175,17 +186,18 @@ def check_residuals(
             **{name: smooth_dependence_test(over, innovations, own, noise, white) for name, over in states.items()},
         }
         rms = float(np.sqrt(np.mean(residual**2)))
-        exact = rms <= exact_level(calibration.solver, own)
+        within = rms <= exact_level(calibration.solver, own)
         beyond = floor is not None and rms > MAX_FLOOR_RATIO * max(floor, 1e-300)
         longest = max(s.sampling.duration for s in series if s.output == own.output)
         lasting = is_model_error(noise, longest)
-        structured = not exact and (_smallest(tests) < FALSE_ALARM_RATE or beyond or lasting)
+        structured = not within and (_smallest(tests) < FALSE_ALARM_RATE or beyond or lasting)
         window, share = _worst_window(own.sampling.time, innovations)
         correlations = {name: _correlation(residual, over) for name, over in states.items()}
         reports.append(
             ResidualReport(
                 calibration.data.names[own.experiment], own.output, rms, floor, size, tests,
-                correlations, window, share, "structured" if structured else "adequate", exact,
+                correlations, window, share, "structured" if structured else "adequate",
+                within and rms < MIN_STEP_SHARE * _resolution(own.measured),
             )
         )  # fmt: skip
     return tuple(reports)
@@ -246,20 +258,17 @@ EXACT_SHARE = 1e-6
 #: Fewest readings that are judged.
 MIN_READINGS = 16
 
-Role = Literal["train", "test"]
 Fitted = Mapping[tuple[str, str], FloatArray]
-#: A recording, its role, and from when and until when (s) it counts.
-JudgedPart = tuple[Recording, Role, float | None, float | None]
 
 
 @dataclass(frozen=True)
 class RecordingError:
-    """Error of one output in one recording (RMS, SI) before and after; ``begin`` is where a part of it begins, in s.
+    """Error of one output in one recording (RMS, SI) before and after; a part of it is from ``begin`` to ``end``, in s.
 
     ``noise`` is that of this recording, or, where it cannot be told from the readings, that of the fit
     (``noise_known`` is false). ``verdict`` and ``p_value`` (of a white residual) are of the model that came out."""
 
-    JSON_KEYS: ClassVar = "recording role output before after noise noise_known p_value verdict begin ratio"
+    JSON_KEYS: ClassVar = "recording role output before after noise noise_known p_value verdict begin end ratio"
 
     recording: str
     role: Role
@@ -271,6 +280,7 @@ class RecordingError:
     p_value: float
     verdict: Verdict
     begin: float | None = None
+    end: float | None = None
 
     @property
     def ratio(self) -> float:
@@ -278,22 +288,20 @@ class RecordingError:
 
 
 def recording_errors(
-    recordings: Sequence[JudgedPart],
+    parts: Sequence[Part],
     before: Fitted | None,
     after: Fitted,
     floors: Mapping[tuple[str, str], float],
     noise: Mapping[str, OutputNoise],
     spreads: Mapping[str, SpreadModel] | None = None,
 ) -> tuple[RecordingError, ...]:
-    """Judge models by each recording, or part of one, outliers of the last one left out.
+    """Judge models by each part of the recordings, outliers of the last model left out.
 
     ``before`` and ``after`` hold the outputs of the models on all samples, by recording and output, ``floors`` the
     noise that is known, ``spreads`` how it differs from reading to reading."""
     found = []
-    for recording, role, begin, end in recordings:
-        within = (recording.time >= (-math.inf if begin is None else begin)) & (
-            recording.time < (math.inf if end is None else end)
-        )
+    for part in parts:
+        recording, within = part.recording, part.within
         for output, fitted in ((o, y) for (name, o), y in after.items() if name == recording.name):
             read = recording.outputs[output]
             counted = within & ~outlier_rows(read, fitted, recording.inputs)
@@ -313,9 +321,10 @@ def recording_errors(
             p_value, structured = _whiteness(recording, output, residual, noise[output])
             structured = structured and rms > EXACT_SHARE * float(np.ptp(fitted))
             verdict: Verdict = "too large" if rms > MAX_RATIO * size else "structured" if structured else "noise"
-            found.append(
-                RecordingError(recording.name, role, output, was, rms, size, floor is not None, p_value, verdict, begin)
-            )
+            found.append(RecordingError(
+                recording.name, part.role, output, was, rms, size, floor is not None, p_value, verdict,
+                part.begin, part.end,
+            ))  # fmt: skip
     return tuple(found)
 
 

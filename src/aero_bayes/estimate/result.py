@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING, Protocol
 
@@ -33,6 +33,7 @@ from aero_bayes.estimate.other_tools import (
     process_noise_table,
     trials_sentence,
 )
+from aero_bayes.estimate.parameters import ParameterSet
 from aero_bayes.estimate.prediction import FittedPredictor
 from aero_bayes.estimate.simulate import simulate
 from aero_bayes.estimate.swarm import SwarmResult
@@ -54,6 +55,17 @@ def rms_by_output(residuals: Sequence[FloatArray], outputs: Sequence[str]) -> di
     count = np.isfinite(squares).sum(axis=0)
     sizes = np.sqrt(np.nansum(squares, axis=0) / np.maximum(count, 1))
     return {o: float(size) for o, size, n in zip(outputs, sizes, count, strict=True) if n}
+
+
+def parameter_draws(
+    laplace: Laplace, parameters: ParameterSet, values: FloatArray, columns: Sequence[int], draws: int, seed: int
+) -> FloatArray:
+    """Draw free and noise parameters in SI units from the Gaussian approximation, shape (draws, d)."""
+    points, free = laplace.draw(draws, np.random.default_rng(seed)), list(columns)
+    low, high = (bound[free] for bound in parameters.box)
+    coordinates = np.tile(parameters.to_search(values), (draws, 1))
+    coordinates[:, free] = np.clip(points[:, : len(free)], low, high)
+    return np.concatenate([parameters.from_search(coordinates)[:, free], np.exp(points[:, len(free) :])], axis=1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -232,13 +244,24 @@ class Fit(OtherTools, HasPage):
         """Every parameter with its Laplace interval, the model's fixed ones included."""
         table = laplace_estimates(self.calibration, self.values, self.free, self.identifiability, self.laplace)
         wrong = {name: note for name, note in self.failed_intervals.items() if table[name].q05 is not None}
-        table |= {name: replace(table[name], note=note) for name, note in wrong.items()}
+        table |= {name: table[name].with_failed_interval(note) for name, note in wrong.items()}
         return table | chosen_estimates(self.trials)
 
     @cached_property
     def diagnosis(self) -> Diagnosis:
         """What may be behind a residual that is not noise: data, solver, search, noise, model, in this order."""
         return diagnose(self)
+
+    @cached_property
+    def verdict(self) -> str:
+        """Whether the model explains the recordings, and what else to look at, in a line."""
+        name, model = self.calibration.model.name, self.diagnosis["model"]
+        told = f"{name} explains the recordings down to the noise."
+        if model.found:
+            left = f"{model.what[:1].lower()}{model.what[1:]}".removesuffix(".").replace("`", "")
+            told = f"{name} does not explain the recordings: {left} ({model.where})."
+        row = next((r for r in self.diagnosis if r.found and r.cause not in ("noise", "model")), None)
+        return told if row is None else f"{told} Look at the {row.cause} first: {row.sentence}"
 
     @property
     def unidentified(self) -> tuple[str, ...]:
@@ -351,12 +374,7 @@ class Fit(OtherTools, HasPage):
         return FittedPredictor(self.calibration, self.values, self.free, self.noise, factors, self.settings.engine)
 
     def _parameter_draws(self, draws: int, seed: int) -> FloatArray:
-        points = self.laplace.draw(draws, np.random.default_rng(seed))
-        free, parameters = list(self.free), self.calibration.parameters
-        low, high = (bound[free] for bound in parameters.box)
-        coordinates = np.tile(parameters.to_search(self.values), (draws, 1))
-        coordinates[:, free] = np.clip(points[:, : len(free)], low, high)
-        return np.concatenate([parameters.from_search(coordinates)[:, free], np.exp(points[:, len(free) :])], axis=1)
+        return parameter_draws(self.laplace, self.calibration.parameters, self.values, self.free, draws, seed)
 
     @describe_figure_parameters
     def plot(
@@ -387,7 +405,8 @@ class Fit(OtherTools, HasPage):
         return drawn("plots.run_figure", self, recording, figure=ax or figure, dark=dark)
 
     def _repr_html_(self) -> str:
-        return estimates_html(self.parameters, f"{self.calibration.model.name}: {self.reason.value}", self.warnings)
+        caption = f"{self.calibration.model.name}: {self.reason.value}"
+        return estimates_html(self.parameters, caption, (self.verdict, *self.warnings))
 
     def __repr__(self) -> str:
         cells = ", ".join(with_unit(f"{n}={e.value:.4g}", e.unit) for n, e in self.parameters.items())

@@ -21,7 +21,7 @@ from aero_bayes.errors import CannotFinishError, InputError
 from aero_bayes.estimate import swarm as pso
 from aero_bayes.estimate.calibration import Calibration
 from aero_bayes.estimate.global_search import GlobalSearch, GlobalSearchResult
-from aero_bayes.estimate.initial_states import state_of
+from aero_bayes.estimate.initial_states import in_units_of, state_of
 from aero_bayes.estimate.local_fit import GOOD_FIT_RATIO, OpenSimulator, Optimum, floor_ratio
 from aero_bayes.estimate.measured_data import MeasuredData
 from aero_bayes.simulation.engines import open_simulator
@@ -209,6 +209,7 @@ def as_recording(inputs: Recording | Mapping[str, ArrayLike], calibration: Calib
         time = columns.pop("time")
         signals = {name: np.broadcast_to(values, time.shape).copy() for name, values in columns.items()}
         inputs = Recording("inputs", time, signals, {})
+    inputs = in_units_of(calibration.model, inputs)
     if inputs.rows < 2 or not np.all(np.diff(inputs.time) > 0.0):
         raise InputError(f"{inputs.name}: times must be at least two and increase")
     known = [v.name for v in calibration.model.inputs]

@@ -92,14 +92,25 @@ class NoiseLayout:
 class CurvatureAdjustment:
     """Curvature adjustment of a likelihood that takes correlated readings for independent.
 
-    After Ribatet, Cooley & Davison (2012, Statistica Sinica 22, 813)."""
+    After Ribatet, Cooley & Davison (2012, Statistica Sinica 22, 813). The slope of the log-likelihood at the centre,
+    which balances that of the ``prior`` (f,) there, stays as it is: so the mode of the posterior is that of the fit."""
 
     centre: FloatArray
     map: FloatArray
+    prior: FloatArray
 
     def __call__(self, coordinates: FloatArray) -> FloatArray:
         """Return the points at which the likelihood of points (n, f) is computed."""
         return self.centre + (coordinates - self.centre) @ self.map.T
+
+    @property
+    def slope(self) -> FloatArray:
+        """Slope (f,) that the log-likelihood lost, which is added."""
+        return np.asarray(self.prior @ self.map - self.prior)
+
+    def added(self, coordinates: FloatArray) -> FloatArray:
+        """Return what is added to the log-likelihood at points (n, f), shape (n,)."""
+        return np.asarray((coordinates - self.centre) @ self.slope)
 
 
 class Target:
@@ -144,6 +155,8 @@ class Target:
     def cost(self, coordinates: FloatArray, noise: FloatArray) -> FloatArray:
         """Compute the negative log-posterior at given noise, shape (n,)."""
         total = np.sum(self.log_likelihood(coordinates, noise), axis=1)
+        if self.spread is not None:
+            total = total + self.spread.added(coordinates)
         if self.prior:
             total = total + self.parameters.log_prior(coordinates)
         return np.where(np.isfinite(total), -total, np.inf)
@@ -161,6 +174,7 @@ class Target:
             hessian = found.hessian[0] * np.outer(slope, slope)
             if self.spread is not None:
                 gradient, hessian = gradient @ self.spread.map, self.spread.map.T @ hessian @ self.spread.map
+                cost, gradient = cost - float(self.spread.added(point[None])[0]), gradient - self.spread.slope
             if self.prior:
                 first, second = self.parameters.prior_derivatives(point)
                 cost -= float(self.parameters.log_prior(point[None])[0])
@@ -209,6 +223,8 @@ class JointTarget:
         if inside.any():
             noise = self.layout.unpack(points[inside, f:])
             likelihood = np.sum(self.target.log_likelihood(points[inside, :f], noise), axis=1)
+            if self.target.spread is not None:
+                likelihood = likelihood + self.target.spread.added(points[inside, :f])
             total[inside] += np.where(np.isnan(likelihood), -np.inf, likelihood)
             self.evaluations += int(inside.sum())
         return total

@@ -2,15 +2,18 @@
 
 ``structures.json`` holds such a table; ``python -m aero_bayes.loop.decide FILE`` decides on it again.
 
-1. A structure is *admissible* if each of its terms is material: it lowers the left-out error of an output by a quarter
-   (a curve beside other terms by a third), clearly, against the best structure without it.
-2. The *size* is the smallest whose best admissible structure no larger admissible one materially beats.
-3. The *model* predicts: of that size the best, or one as good with fewer curves, then fewer parameters. Unseen
-   recordings only refuse: one that they show to be worse than the best by a quarter is not as good, and where they take
-   back half of what a term has to gain against a smaller structure, the next one, or a smaller size, is the model.
-4. A *claim* says what may be said of a term of the model. All that was tried in its place is held against it. ``law``:
-   nothing else does as well. ``place``: all that do are at its port. ``one of``: they are listed. Nothing leaves the
-   model because it cannot be told.
+Two witnesses speak of a structure: the error on left-out training readings, and the error on validation readings. The
+score is, for each output, the geometric mean of both ratios to the first model; outputs count by sum of logarithms.
+
+1. A term is *material* if the score of an output falls by a quarter with it (a curve beside other terms by a third),
+   clearly, and each witness by a tenth, against the best structure without it.
+2. A structure is *admissible* if each of its terms is material, at most one is a curve, ten training readings come on
+   each free parameter, and no structure within it validates better.
+3. The *size* is the smallest whose best admissible structure no larger admissible one materially beats.
+4. The *model* is the best of that size, or one as good with fewer curves, then fewer parameters.
+5. A *claim* says what may be said of a term, and changes nothing in the model. Held against it is all that does as well
+   in its place by the score, or by one of the witnesses. ``law``: nothing else does. ``place``: all that do are at its
+   port. ``mechanism``: only the same law elsewhere does. ``one of``: they are listed.
 """
 
 from __future__ import annotations
@@ -23,125 +26,139 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from aero_bayes.loop.table import MATERIAL, Table, Terms, law_of
+import numpy as np
 
-ClaimKind = Literal["law", "place", "one of"]
+from aero_bayes.loop.table import MATERIAL, Table, Terms, law_of
+from aero_bayes.structure.law_places import is_held
+
+ClaimKind = Literal["law", "place", "mechanism", "one of"]
 
 #: A curve beside other terms has to lower it by a third: with so many parameters it always takes up something.
 MATERIAL_CURVE = 0.67
+#: Training readings that a structure needs for each free parameter: with fewer one of many fits by chance.
+READINGS_EACH = 10
 #: Share of the gain that a simpler model of the same size may give away: fits and blocks are not more exact.
 AS_GOOD = 0.05
 #: Share of the gain of a curve that a law in its place may give away: a curve takes up what else is missing, too.
 CURVE_LOSS = 0.25
-#: Models that unseen recordings may refuse: of more, one would pass by chance.
-MOST_REFUSED = 5
 
 
 @dataclass(frozen=True)
 class Claim:
     """What is said of a term of the model.
 
-    ``share`` is the error with the term over that without it, in the output ``share_of`` where it falls most.
-    ``alternatives`` are the terms that do as well in its place, each with the error with it over that with the term."""
+    ``share`` is the left-out error with the term over that without it, in the output ``share_of``. ``alternatives`` are
+    the terms that do as well in its place, each with the score with it over that with the term. ``tried_all`` says that
+    everything offered was tried there."""
 
     kind: ClaimKind
     share: float
     share_sd: float
     share_of: str
     alternatives: tuple[tuple[str, float], ...] = ()
+    tried_all: bool = True
 
 
 @dataclass(frozen=True)
 class Decision:
-    """The model, a claim for each of its terms, and the models that unseen recordings refused.
+    """The model, and a claim for each of its terms.
 
-    ``compared`` are the structures on whose left-out errors it hangs, ``compared_unseen`` on whose unseen ones."""
+    ``refused`` are structures that predict left-out training readings materially better and validation readings worse.
+    The decision hangs on the left-out errors of the structures that were ``compared``."""
 
     model: Terms
     claims: Mapping[str, Claim]
     refused: tuple[Terms, ...]
     compared: tuple[Terms, ...]
-    compared_unseen: tuple[Terms, ...]
 
 
 def decide(table: Table, required: Iterable[str] = ()) -> Decision:
     """Choose the model, and say what may be claimed of each of its terms; no claims are made of ``required`` ones.
 
-    The table has to hold the structure of the required terms alone."""
+    The table has to hold the structure of the required terms alone, and that of none."""
     first = tuple(sorted(required))
-    allowed = {k for k in table.rows if k == first or (set(first) < set(k) and admissible(table, k, first))}
-    refused: list[Terms] = []
-    compared, unseen = dict.fromkeys([(), first]), dict.fromkeys([(), first])
-    while True:
-        best = table.best_of_size(allowed)
-        size = min(n for n in best if not any(m > n and table.material(best[m], best[n]) for m in best))
-        compared |= dict.fromkeys(best.values())
-        # One Newton step may hide that a term is material: the best of each size is fitted again in any case.
-        compared |= dict.fromkeys(table.best_of_size(k for k in table.rows if set(first) < set(k)).values())
-        if size == len(first) or len(refused) > MOST_REFUSED:
-            return Decision(first, {}, tuple(refused), tuple(compared), tuple(unseen))
-        near = _as_good(table, best[size], [k for k in allowed if len(k) == size])
-        model = next(k for k in near if k == best[size] or not worse_unseen(table, k, best[size], 1.0))
-        passed_over = near[: near.index(model)]
-        smaller = [first, *(best[n] for n in best if n < size)]
-        unseen |= dict.fromkeys((*passed_over, model, best[size], *smaller))
-        if not any(worse_unseen(table, model, k) for k in smaller):
-            break
-        refused.append(model)
-        allowed.discard(model)
+    offered = [k for k in table.rows if set(first) <= set(k)]
+    allowed = [k for k in offered if k == first or admissible(table, k, first)]
+    best = table.best_of_size(allowed)
+    size = min(n for n in best if not any(m > n and table.material(best[m], best[n]) for m in best))
+    model = first if size == len(first) else _simplest(table, best[size], [k for k in allowed if len(k) == size])
     claims = {t: claim(table, model, t) for t in model if t not in first}
-    others = [tuple(sorted({*model, o} - {t})) for t, c in claims.items() for o, _ in c.alternatives]
-    parts = [table.without(model, t) for t in claims]
-    compared |= dict.fromkeys((model, *parts, *others))
-    refused += passed_over
-    return Decision(model, claims, tuple(refused), tuple(compared), tuple(unseen))
+    # One Newton step may hide that a term is material: the best of each size is fitted again in any case, as is what
+    # comes near the model.
+    compared = [(), first, *best.values(), *table.best_of_size(offered).values(), model]
+    near = table.score(model) - math.log(MATERIAL)
+    compared += [k for k in allowed if len(k) == len(model) and table.score(k) <= near]
+    compared += [table.without(model, t) for t in claims]
+    compared += [tuple(sorted({*model, o} - {t})) for t, c in claims.items() for o, _ in c.alternatives]
+    return Decision(model, claims, refused(table, model, offered), tuple(dict.fromkeys(compared)))
 
 
 def admissible(table: Table, terms: Terms, required: Terms = ()) -> bool:
-    """Whether each term that is not required is material beside the others; at most one of them is a curve."""
+    """Whether each term that is not required is material beside the others, and nothing within validates better."""
     own = [t for t in terms if t not in required]
-    if sum(t in table.curves for t in own) > 1:
+    few = table.readings is not None and READINGS_EACH * table.rows[terms].free > table.readings
+    if few or sum(t in table.curves for t in own) > 1:
+        return False
+    within = (k for k in table.rows if set(k) < set(terms))
+    if any(table.validated(k) < table.validated(terms) for k in within):
         return False
     limits = {t: MATERIAL_CURVE if t in table.curves and len(terms) > 1 else MATERIAL for t in own}
     return all(table.material(terms, table.without(terms, t), limits[t]) for t in own)
 
 
-def worse_unseen(table: Table, one: Terms, other: Terms, part: float = 0.5) -> bool:
-    """Whether one structure predicts unseen recordings materially worse than another.
+def refused(table: Table, model: Terms, offered: Iterable[Terms]) -> tuple[Terms, ...]:
+    """Structures that predict left-out training readings better than the model by a quarter, and validate worse."""
+    left_out, confirmed = table.witnesses(model)[0].sum(), table.validated(model)
+    found = [
+        k for k in offered
+        if table.witnesses(k)[0].sum() < left_out + math.log(MATERIAL) and table.validated(k) > confirmed
+    ]  # fmt: skip
+    return tuple(sorted(found, key=lambda k: (float(table.witnesses(k)[0].sum()), k)))
 
-    It does so if it is worse over all outputs, and in one of them by a part of what a term has to gain."""
-    first, second = table.rows[one].unseen, table.rows[other].unseen
-    if first is None or not second:
-        return False
-    logs = [math.log(max(first[o], 1e-300) / max(second[o], 1e-300)) for o in first if o in second]
-    return not logs or (sum(logs) > 0.0 and max(logs) > -part * math.log(MATERIAL))
 
-
-def _as_good(table: Table, best: Terms, among: Iterable[Terms]) -> list[Terms]:
-    """Structures as good as the best of their size, those with the fewest curves first, then the fewest parameters."""
+def _simplest(table: Table, best: Terms, among: Iterable[Terms]) -> Terms:
+    """The structure as good as the best of its size that has the fewest curves, then the fewest parameters."""
     gain = min(table.score(k) for k in table.rows if len(k) < len(best)) - table.score(best)
-    near = [k for k in among if table.score(k) - table.score(best) <= AS_GOOD * gain or not table.clear(best, k)]
-    return sorted(near, key=lambda k: (sum(t in table.curves for t in k), table.rows[k].free, table.order(k)))
+
+    def bent(terms: Terms) -> int:
+        return sum(t in table.curves for t in terms)
+
+    def as_good(k: Terms) -> bool:
+        given_away = CURVE_LOSS if bent(k) < bent(best) else AS_GOOD
+        return table.score(k) - table.score(best) <= given_away * gain or not table.clear(best, k)
+
+    return min(filter(as_good, among), key=lambda k: (bent(k), table.rows[k].free, table.order(k)))
 
 
 def claim(table: Table, model: Terms, term: str) -> Claim:
-    """Say what is known of a term: its law, its place, or that it is one of several."""
+    """Say what is known of a term: its law and place, its place, its law, or that it is one of several."""
     part, own = table.without(model, term), table.ports.get(term)
     gain = table.score(part) - table.score(model)
     limit = max(CURVE_LOSS * gain, -math.log(MATERIAL)) if term in table.curves else -math.log(MATERIAL)
     one_curve = sum(t in table.curves for t in model if t != term) == 0
     swaps = {o: d for o, d in table.swaps(model, term).items() if one_curve or o not in table.curves}
-    alike = {o: d for o, d in swaps.items() if d <= limit and d < gain}
-    # A curve at the port of a law says the same: it is no other place, and no other law.
-    other = [o for o in alike if not (o in table.curves and table.ports.get(o) == own)]
-    coarse = table.refines.get(term, term)
-    kin = {law_of(term), law_of(coarse), *(law_of(f) for f, c in table.refines.items() if c == coarse)}
+    alike = {o: d for o, d in swaps.items() if d < gain and (d <= limit or _preferred(table, model, term, o))}
+    # A curve at the port of a law says the same: it is no other place, and no other law. Nor is a finer form of it.
+    other = [o for o in alike if not (table.ports.get(o) == own and (o in table.curves or _same_law(table, term, o)))]
     kind: ClaimKind = "one of"
-    if all(law_of(o) in kin for o in other) and _stands_alone(table, model, term):
+    if not other and term not in table.curves and _stands_alone(table, model, term):
         kind = "law"
     elif all(table.ports.get(o) == own for o in other):
         kind = "place"
+    elif all(_same_law(table, term, o) for o in other) and _stands_alone(table, model, term):
+        kind = "mechanism"
     return Claim(kind, *table.share(model, part), tuple((o, math.exp(d)) for o, d in alike.items()))
+
+
+def _preferred(table: Table, model: Terms, term: str, other: str) -> bool:
+    """Whether one of the witnesses prefers another term in the place of a term."""
+    swapped = tuple(sorted({*model, other} - {term}))
+    return bool(np.any((table.witnesses(swapped) - table.witnesses(model)).sum(axis=1) <= 0.0))
+
+
+def _same_law(table: Table, one: str, other: str) -> bool:
+    """Whether two terms are one law, or forms of one that refine each other; another fixed value is another cause."""
+    return not is_held(one) and law_of(table.refines.get(one, one)) == law_of(table.refines.get(other, other))
 
 
 def _stands_alone(table: Table, model: Terms, term: str) -> bool:
@@ -156,11 +173,11 @@ def _stands_alone(table: Table, model: Terms, term: str) -> bool:
 def _told(table: Table) -> str:
     """A decision in lines."""
     found = decide(table)
-    ratio = math.exp(table.score(found.model) - table.score(()))
-    lines = [
-        f"{', '.join(found.model) or 'no further term'} of {len(table.rows)} structures: left-out error x {ratio:.3g}"
-    ]
-    lines += [f"  refused by unseen recordings: {', '.join(k)}" for k in found.refused]
+    ratio, row = math.exp(table.score(found.model)), table.rows[found.model]
+    lines = [f"{', '.join(found.model) or 'no further term'} of {len(table.rows)} structures: error x {ratio:.3g}"]
+    first = table.rows[()].test
+    lines += [f"  test error of {o}: {first[o]:.3g} -> {error:.3g}" for o, error in row.test.items() if o in first]
+    lines += [f"  refused by validation: {', '.join(k)}" for k in found.refused]
     for term, one in found.claims.items():
         others = ", ".join(f"{id_} ({error:.2f})" for id_, error in one.alternatives)
         lines.append(f"  {term}: {one.kind}, error of {one.share_of} x {one.share:.2f} (+- {one.share_sd:.2f})")

@@ -12,14 +12,15 @@ import numpy as np
 from aero_bayes.arrays import FloatArray
 from aero_bayes.estimate.identifiability import Estimate
 from aero_bayes.estimate.parameters import Parameter
+from aero_bayes.estimate.predict_recordings import Prediction
 from aero_bayes.estimate.residual_tests import ResidualReport, check_residuals
 from aero_bayes.estimate.result import Fit
 from aero_bayes.loop.decide import ClaimKind, Decision
 from aero_bayes.loop.first_fit import FirstFit, LoopContext, refitted
 from aero_bayes.loop.search import Search
 from aero_bayes.loop.table import Table, Terms, law_of
-from aero_bayes.loop.unseen import Prediction
 from aero_bayes.plain import plain
+from aero_bayes.structure.law_places import is_held
 from aero_bayes.structure.modelica_family import ExtendedModel
 from aero_bayes.structure.open_ports import CurveBasis
 
@@ -49,7 +50,8 @@ class FoundEffect:
     """An effect that was added, and what is claimed of it.
 
     ``share`` is the error on left-out readings with it over that without it, in the output ``share_of`` where it falls
-    most, and ``share_sd`` its standard error. ``claim`` is None for one that the configuration requires."""
+    most, and ``share_sd`` its standard error. ``claim`` is None for one that the configuration requires,
+    ``tried_all`` whether everything offered was tried in its place."""
 
     id: str
     port: str
@@ -65,6 +67,7 @@ class FoundEffect:
     over: str = ""
     looks_like: str = ""
     curve: LearnedCurve | None = None
+    tried_all: bool = True
 
     def to_dict(self, modelica: str) -> dict[str, object]:
         """Return the entry of result.json; ``modelica`` is the file that holds it."""
@@ -115,11 +118,12 @@ def extend(context: LoopContext, first: FirstFit, search: Search, decision: Deci
     context.progress("writing the extended model", 0.75)
     held = search.source.held
     laws = [t for t in decision.model if t not in held]
-    values = dict(search.fits[decision.model].values)
+    best = search.fits[decision.model]
+    values = dict(best.values)
     written = context.family.extend(laws, values, context.folder) if laws else None
     names: dict[str, tuple[tuple[str, str], ...]] = dict(written.names) if written is not None else {}
     values |= {new: values[old] for pairs in names.values() for old, new in pairs if old in values}
-    names |= {t: ((held[t].name, held[t].name),) for t in decision.model if t in held}
+    names |= {t: tuple((n, n) for n in best.term_values(t)) for t in decision.model if t in held}
     added = (*(written.parameters if written is not None else ()), *(held[t] for t in decision.model if t in held))
     context.statistics.end_stage("extension")
     context.progress("refitting the extended model", 0.85)
@@ -131,7 +135,7 @@ def extend(context: LoopContext, first: FirstFit, search: Search, decision: Deci
     si = np.array([values.get(p.name, p.start) for p in calibration.parameters])
     fit = refitted(context, calibration, si, replace(first.fit.optimum, free=free))
     reports = check_residuals(calibration, fit.series, fit.optimum, first.floors)
-    after = context.unseen.predict(calibration, fit.optimum)
+    after = context.predictor.predict(calibration, fit.optimum)
     widths = written.widths if written is not None else {}
     effects = tuple(
         replace(
@@ -168,13 +172,18 @@ def _effect(
         *share, claim.kind if claim is not None else None,
         tuple(Alternative(o, ports.get(o, ""), ratio) for o, ratio in others), describe(context, id_),
         over=over, looks_like=_looks_like(table, decision, id_) if over else "", curve=curve,
+        tried_all=claim is None or claim.tried_all,
     )  # fmt: skip
 
 
 def describe(context: LoopContext, id_: str) -> str:
     """A phrase about a term."""
-    name = id_.removeprefix("value@")
-    return f"another value of {name} than the fixed one" if name != id_ else context.family.describe(id_)
+    kind, _, name = id_.partition("@")
+    held = {
+        "value": f"another value of {name} than the fixed one",
+        "start": f"another start of {name} than the fixed one",
+    }
+    return held[kind] if is_held(id_) else context.family.describe(id_)
 
 
 def _looks_like(table: Table, decision: Decision, curve: str) -> str:

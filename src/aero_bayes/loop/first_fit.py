@@ -26,9 +26,9 @@ from aero_bayes.estimate.local_fit import GOOD_FIT_RATIO, Optimum
 from aero_bayes.estimate.noise import NoiseModel
 from aero_bayes.estimate.objective import Objective, Series, Whitened, objective_of
 from aero_bayes.estimate.parameters import ChosenParameters, Parameter, ParameterSet, chosen_parameters
+from aero_bayes.estimate.predict_recordings import Predictor
 from aero_bayes.estimate.residual_tests import ResidualReport, check_residuals, structured_residuals
 from aero_bayes.estimate.result import Fit
-from aero_bayes.loop.unseen import Unseen
 from aero_bayes.parallel import ParallelMap
 from aero_bayes.progress import Progress, Watched
 from aero_bayes.simulation.engines import open_simulator
@@ -65,13 +65,14 @@ class LoopSettings(SettingsDisplay):
     max_effects : int
         Terms that are added at most.
     held_out : float
-        Last share of each recording that is not fitted but used as test data, if no test recording is given.
+        Last share of each recording that is not fitted, if no other recording is given: its first half validates, its
+        second half is the test part.
     cache : Path, optional
         Folder of FMUs that are kept between runs; by default ``fmu`` in the folder of the run, removed at the end.
     max_minutes : float
         Time limit of the search; the loop continues with what was found by then, and says so.
     max_error_ratio : float
-        Largest ratio of the error on unseen data to that of the fit for a model to count as adequate.
+        Largest ratio of the error on data that was not fitted to that of the fit for a model to count as adequate.
 
     Examples
     --------
@@ -180,14 +181,14 @@ class LoopContext:
         return ParallelMap(self.pool, self.statistics.time_is_up)
 
     @property
-    def unseen(self) -> Unseen:
+    def predictor(self) -> Predictor:
         """The recordings whole, to run fitted models over."""
-        return Unseen(self.recordings, self.settings.fitting.calibration, self.family, self.open)
+        return Predictor(self.recordings, self.settings.fitting.calibration, self.family, self.open)
 
 
 #: Rows on which a search takes a minute: of recordings of twice that length and more only a beginning is searched. It
 #: tells at least this share of what the whole tells, reading by reading.
-FIRST_ROWS, MIN_INFORMATION = 25_000, 0.5
+FIRST_ROWS, MIN_INFORMATION = 4000, 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -245,7 +246,7 @@ def first_fit(context: LoopContext, begin: Mapping[str, float]) -> FirstFit:
             recordings.fitted, model, parameters=chosen, settings=how, seed=context.seed, workers=context.pool.size
         )
 
-    floors = noise_floors([*recordings.train, *recordings.test], recordings.outputs)
+    floors = noise_floors(recordings.everything, recordings.outputs)
     close = fitted("local")
     if own.method != "local":
         reports = check_residuals(close.calibration, close.series, close.optimum, floors)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,27 +12,26 @@ from threadpoolctl import threadpool_limits
 from aero_bayes.arguments import paths_of, require_all, require_type
 from aero_bayes.data.recording import Recording
 from aero_bayes.data.split import Recordings
-from aero_bayes.errors import CannotFinishError, InputError
-from aero_bayes.estimate.calibration import Calibration, steps_taken, templates, with_step_budget
+from aero_bayes.errors import InputError
+from aero_bayes.estimate.calibration import steps_taken, templates, with_step_budget
 from aero_bayes.estimate.fit import declared_overrides
 from aero_bayes.estimate.initial_states import screened
 from aero_bayes.estimate.parameters import (
-    Parameter,
     ParameterSet,
     ParameterSpec,
     chosen_parameters,
-    parameters_from_model,
 )
 from aero_bayes.estimate.result import Fit
 from aero_bayes.files import ScratchFolder
-from aero_bayes.loop.decide import Decision, decide
+from aero_bayes.loop.decide import ClaimKind, Decision, decide
 from aero_bayes.loop.extend import extend
 from aero_bayes.loop.first_fit import FirstFit, LoopContext, LoopSettings, LoopStatistics, beginning_share, first_fit
 from aero_bayes.loop.make_result import Ended, result_of
-from aero_bayes.loop.models import VALUE, FittedModel, ModelSource
+from aero_bayes.loop.models import FittedModel, ModelSource
 from aero_bayes.loop.result import LoopResult
-from aero_bayes.loop.search import Control, Library, Search
+from aero_bayes.loop.search import Control, Effort, Library, Search
 from aero_bayes.loop.table import Terms
+from aero_bayes.loop.validation import Validation
 from aero_bayes.modelica.sources import main_class
 from aero_bayes.progress import Progress, watching
 from aero_bayes.simulation.function_model import FunctionModel
@@ -41,19 +39,19 @@ from aero_bayes.simulation.interface import ParameterTarget
 from aero_bayes.simulation.model import Model, ModelicaSource
 from aero_bayes.simulation.workers import WorkerPool
 from aero_bayes.structure.fmu_family import FmuFamily, FmuPlaces
+from aero_bayes.structure.held_values import held_values
 from aero_bayes.structure.law_places import CandidateFilter, LawPlaces
 from aero_bayes.structure.modelica_family import ModelicaFamily
 
 #: Decisions after which the last one stands.
 MOST_DECISIONS = 40
-#: Fixed values that may be wrong; an FMU may have hundreds.
-MOST_VALUES = 40
 
 
 def close_loop(
     train: Fit | Recording | Sequence[Recording],
     test: Recording | Sequence[Recording] = (),
     *,
+    validation: Recording | Sequence[Recording] = (),
     model: str | Path | Model | ModelicaSource | None = None,
     settings: LoopSettings | None = None,
     seed: int = 1,
@@ -68,7 +66,10 @@ def close_loop(
     train : Fit, Recording or sequence of Recording
         A fit, whose recordings, model and parameters are taken; or recordings for training.
     test : Recording or sequence of Recording
-        Without any, the end of each training recording is kept from the fit and predicted.
+        Without any, the end of each training recording is not fitted, and stands for them.
+    validation : Recording or sequence of Recording
+        Recordings that confirm what was found in training. Without any, the first half of each test recording does; the
+        second half is then the test part, which decides nothing and is only reported.
     model : str, path, Model or ModelicaSource
         Where no fit is given. A Modelica class, a ``.mo`` file, a class with the files that it is loaded from, or a
         model that was built from one; or an FMU (``.fmu``) with Model Exchange, around which laws are put.
@@ -87,8 +88,8 @@ def close_loop(
     Returns
     -------
     LoopResult
-        The outcome, the effects with what is claimed of each, the models before and after, and their errors on unseen
-        data.
+        The outcome, the effects with what is claimed of each, the models before and after, and their errors on each
+        part of the data.
 
     Raises
     ------
@@ -101,7 +102,7 @@ def close_loop(
     --------
     >>> settings = aero_bayes.LoopSettings(laws=("coulomb_friction", "gain"))
     >>> aero_bayes.close_loop(fit, test, settings=settings, workers=0)
-    <LoopResult Rig: extended by coulomb_friction@v; RMS on test data: position 0.00481 -> 0.000302>
+    <LoopResult Rig: extended by coulomb_friction@v; RMS on test data: position 0.00524 -> 0.000304>
     """
     settings = require_type(settings or LoopSettings(), LoopSettings, "settings")
     begin: dict[str, float] = {}
@@ -109,6 +110,7 @@ def close_loop(
         begin = {name: entry.value for name, entry in train.parameters.items()}
         model, settings, train = train.calibration.model, settings_of(train, settings), recordings_of(train)
     train, test = require_all(train, Recording, "train"), require_all(test, Recording, "test")
+    confirming = require_all(validation, Recording, "validation")
     if settings.fitting.noise.process:
         raise InputError("the loop knows no process noise: [noise.process] is for a fit")
     if not train:
@@ -133,8 +135,8 @@ def close_loop(
                 f"model {base.name} declares no parameters to fit: name some of {has} by LoopSettings(parameters=[...])"
             )
         known = [v.name for v in base.outputs]
-        train, test = (screened(recordings, base) for recordings in (train, test))
-        recordings = Recordings.of(train, test, settings.held_out, known)
+        train, test, confirming = (screened(recordings, base) for recordings in (train, test, confirming))
+        recordings = Recordings.of(train, test, settings.held_out, known, confirming)
         context = LoopContext(family, recordings, settings, pool, folder, watched, LoopStatistics(watched), seed)
         result = _closed(context, begin)
         used = {fit.calibration.model.path for fit in (result.before, result.after)}
@@ -152,12 +154,8 @@ def _closed(context: LoopContext, begin: Mapping[str, float]) -> LoopResult:
     # With a noise that differs from reading to reading, the first model was found to explain all.
     explained = cause is not None or (bool(first.plain.data.spreads) and not settings.require)
     search = searched(context, first, explained=explained)
-    context.progress("leaving out blocks of readings", 0.7)
-
-    def unseen(fitted: FittedModel) -> dict[str, float]:
-        return context.unseen.predict(fitted.model.objective.calibration, fitted.optimum).pooled("test")
-
-    decision = settled(search, unseen, statistics.time_is_up)
+    context.progress("leaving out folds of readings", 0.7)
+    decision = settled(search, statistics.time_is_up)
     if not explained:
         told = {*decision.model, *search.library.curves, *search.source.held}
         search.screen(decision.model, [t for t in search.library.offered if t not in told])
@@ -178,8 +176,9 @@ def searched(context: LoopContext, first: FirstFit, *, explained: bool = False) 
     share = beginning_share(lengths, first.fit.series, first.fit.optimum.whitened)
     plain = first.plain if share >= 1.0 else replace(first.plain, data=first.plain.data.beginning(share))
     with context.open(plain.problem()) as simulator:
-        plain = with_step_budget(plain, steps_taken(plain, simulator, first.fit.optimum.coordinates))
-    held = {} if explained else _held_values(first.plain, settings)
+        steps = steps_taken(plain, simulator, first.fit.optimum.coordinates)
+    plain = with_step_budget(plain, steps)
+    held = {} if explained else held_values(first.plain, family.places.candidate_filter)
     source = ModelSource(family, plain, first.fit.free, context.open_objective, context.open, held)
     laws = () if explained else placed
     curves = frozenset(family.curves())
@@ -190,30 +189,17 @@ def searched(context: LoopContext, first: FirstFit, *, explained: bool = False) 
         context.map, statistics.outcomes, statistics.time_is_up,
         lambda what, done: context.progress(what, 0.2 + 0.5 * done),
     )  # fmt: skip
-    search = Search(source, library, first.floors, control)
+    predictor = context.predictor
+
+    def validated_by(fitted: FittedModel) -> Validation | None:
+        return Validation.of(predictor, fitted.model.objective.calibration, fitted.optimum)
+
+    effort = Effort.of(sum(steps) or sum(lengths))
+    search = Search(source, library, first.floors, control, validated_by, effort)
     search.begin(first.values)
     statistics.end_stage("models")
     search.run()
     return search
-
-
-def _held_values(plain: Calibration, settings: LoopSettings) -> dict[str, Parameter]:
-    """Values that a fit leaves fixed and that may be wrong, by the ids of their terms."""
-    model, fixed = plain.model, plain.fixed
-    narrowed = CandidateFilter(settings.effects, settings.exclude, settings.ports, settings.laws, settings.require)
-    searched = {p.target.name for p in plain.parameters if isinstance(p.target, ParameterTarget)}
-    found = [p for p in plain.parameters if p.free_if_identified and p.recording is None]
-    for variable in model.parameters:
-        start = fixed.get(variable.name, variable.start)
-        if variable.name not in searched and start and isinstance(start, float):
-            with suppress(InputError):
-                (one,) = parameters_from_model(model, [variable.name])
-                found.append(replace(one, start=start) if one.lower < start < one.upper else one)
-
-    def wanted(p: Parameter) -> bool:
-        return p.free_if_identified or narrowed.accepts(f"{VALUE}{p.name}", "value", p.name)
-
-    return {f"{VALUE}{p.name}": p for p in found[:MOST_VALUES] if wanted(p)}
 
 
 def _family(model: str | Path | Model | ModelicaSource, folder: Path, settings: LoopSettings) -> ModelicaFamily:
@@ -271,14 +257,12 @@ def settings_of(fit: Fit, settings: LoopSettings) -> LoopSettings:
     return replace(settings, fit=first, parameters=chosen)
 
 
-def settled(search: Search, unseen: Callable[[FittedModel], dict[str, float]], late: Callable[[], bool]) -> Decision:
-    """The decision on a search's table once all that it hangs on was fitted without each block, held against unseen
-    recordings, and against what else may be in the place of each of its terms."""
+def settled(search: Search, late: Callable[[], bool]) -> Decision:
+    """The decision on a search's table once all that it hangs on was fitted without each fold, and held against what
+    else may be in the place of each of its terms."""
     required = search.library.required
     for _ in range(MOST_DECISIONS):
         decision = decide(search.table, required)
-        if _see(search, unseen, decision.compared_unseen):
-            continue
         if late():
             break
         if new := [k for k in decision.compared if not search.table.rows[k].refitted]:
@@ -292,25 +276,17 @@ def settled(search: Search, unseen: Callable[[FittedModel], dict[str, float]], l
             search.complete(decision.model, part)
         if search.fits == before and all(k in search.table.rows for k in todo):
             break
-    return _as_far_as_tried(search, decision)
+    return _as_far_as_tried(search, decide(search.table, required))
 
 
 def _as_far_as_tried(search: Search, decision: Decision) -> Decision:
-    """No term is claimed as a law in whose place not all was tried."""
-    done = {t: tuple(x for x in decision.model if x != t) in search.completed for t in decision.claims}
-    claims = {t: c if done[t] or c.kind != "law" else replace(c, kind="place") for t, c in decision.claims.items()}
+    """No law is claimed in whose place not all was tried: of one its place is told, of several places nothing."""
+    less: dict[ClaimKind, ClaimKind] = {"law": "place", "mechanism": "one of"}
+    claims = dict(decision.claims)
+    for term, found in decision.claims.items():
+        if tuple(x for x in decision.model if x != term) not in search.completed:
+            claims[term] = replace(found, kind=less.get(found.kind, found.kind), tried_all=False)
     return replace(decision, claims=claims)
-
-
-def _see(search: Search, unseen: Callable[[FittedModel], dict[str, float]], structures: Sequence[Terms]) -> bool:
-    """Predict the unseen recordings with structures that did not yet; whether there were any."""
-    new = [k for k in structures if search.table.rows[k].unseen is None]
-    for k in new:
-        found: dict[str, float] = {}
-        with suppress(CannotFinishError):
-            found = unseen(search.fits[k])
-        search.table.rows[k] = replace(search.table.rows[k], unseen=found)
-    return bool(new)
 
 
 def _parts(search: Search, decision: Decision) -> list[Terms]:

@@ -7,16 +7,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
+from aero_bayes.data.split import ROLES, Part, Recordings
 from aero_bayes.display import join_names
 from aero_bayes.estimate.calibrated_model import CalibratedModel, calibrated_model
 from aero_bayes.estimate.diagnosis import DiagnosisRow
-from aero_bayes.estimate.residual_tests import (
-    JudgedPart,
-    RecordingError,
-    ResidualReport,
-    recording_errors,
-    structured_residuals,
-)
+from aero_bayes.estimate.predict_recordings import Prediction, shifts
+from aero_bayes.estimate.residual_tests import RecordingError, ResidualReport, recording_errors, structured_residuals
 from aero_bayes.estimate.result import Fit
 from aero_bayes.loop.decide import Decision
 from aero_bayes.loop.extend import ExtendedFit, describe, limits_of
@@ -24,10 +20,11 @@ from aero_bayes.loop.first_fit import FirstFit, LoopContext, LoopSettings
 from aero_bayes.loop.result import LoopOutcome, LoopResult, Step, free_estimates, steps_of
 from aero_bayes.loop.search import Search
 from aero_bayes.loop.sentences import extended_sentence, left_over
-from aero_bayes.loop.unseen import Prediction, shifts
 from aero_bayes.simulation.interface import DelayTarget
 from aero_bayes.simulation.model import ModelicaSource
 
+#: Models that are named of those that validation readings speak against.
+MOST_REFUSED_NAMED = 5
 #: Share of the squared residual in a tenth of a recording from which it is one disturbance.
 DISTURBANCE_SHARE = 0.8
 Floors = Mapping[tuple[str, str], float]
@@ -48,9 +45,17 @@ class Ended:
 
 
 def refused_sentence(decision: Decision) -> str:
-    """How many models unseen recordings refused; empty for none."""
+    """Which structures explain more in training and less in validation; empty for none."""
     count = len(decision.refused)
-    return f"Unseen recordings refused {count} model{'s' * (count > 1)} before it." if count else ""
+    if not count:
+        return ""
+    named = "; ".join(" and ".join(k) for k in decision.refused[:MOST_REFUSED_NAMED])
+    more = f"; {count - MOST_REFUSED_NAMED} more" if count > MOST_REFUSED_NAMED else ""
+    models, explain, predict = ("model", "explains", "predicts") if count == 1 else ("models", "explain", "predict")
+    return (
+        f"{count} {models} {explain} the training recordings better and {predict} the validation readings worse: "
+        f"{named}{more}."
+    )
 
 
 def none_sentence(ended: Ended, structured: Sequence[str], far: bool, left: bool) -> str:
@@ -73,7 +78,7 @@ def none_sentence(ended: Ended, structured: Sequence[str], far: bool, left: bool
         )
     text = "What the model leaves has structure"
     if decision.refused:
-        return f"{text}, but unseen recordings refuse all {len(decision.refused)} models that explain a part of it."
+        return f"{text}, but no model that explains a part of it is confirmed by the validation readings."
     return f"{text}, but no effect that was tried is material" + (f": {steps[-1].why}." if steps else ".")
 
 
@@ -90,15 +95,19 @@ def story_of(context: LoopContext, ended: Ended) -> tuple[str, ...]:
     """What was done, in sentences; the steps of the search have entries of their own."""
     first, search = ended.first, ended.search
     worst = max(first.reports, key=lambda r: r.ratio)
+    known = f"{worst.ratio:.2g} times the noise floor and {worst.verdict}"
+    left = known if worst.noise_floor is not None else f"{worst.verdict}; its noise floor is not known"
     refits = sum(row.refitted for row in search.table.rows.values())
     lines = [
         f"{context.family.places.title} was fitted as given. Its residual of {worst.output} in {worst.recording} is "
-        f"{worst.ratio:.2g} times the noise floor and {worst.verdict}.",
-        _data_sentence(context),
+        f"{left}.",
+        roles_sentence(context.recordings),
         *_restrictions(context.settings),
-        f"{len(search.fits)} model structures were compared by their error on readings that were left out, in "
-        f"{search.table.blocks} blocks; {refits} of them were fitted again without each block.",
+        f"{len(search.fits)} model structures were compared by two errors: on training readings that were left out, "
+        f"in {len(search.folds.blocks)} folds, and on validation readings; {refits} of them were fitted again without "
+        "each fold.",
     ]
+    lines += [told] if (told := refused_sentence(ended.decision)) else []
     if search.skipped:
         lines.append(f"Not tried, because the model with them cannot be simulated: {', '.join(search.skipped)}.")
     return tuple(lines)
@@ -113,15 +122,21 @@ def _restrictions(settings: LoopSettings) -> tuple[str, ...]:
     return tuple(lines)
 
 
-def _data_sentence(context: LoopContext) -> str:
-    """Which readings were fitted and which were used for the test."""
-    recordings = context.recordings
-    fitted = join_names([r.name for r in recordings.train])
-    if recordings.unseen_from:
-        ends = ", ".join(f"{name} from {time:.3g} s" for name, time in recordings.unseen_from.items())
-        return f"Fit and search used the first part of {fitted}. The rest ({ends}) could only refuse a model."
-    unseen = join_names([r.name for r in recordings.test])
-    return f"Recordings for fit and search: {fitted}. Recordings that could only refuse a model: {unseen}."
+def roles_sentence(recordings: Recordings) -> str:
+    """What each part of the recordings did."""
+    named = {role: join_names([part_words(p) for p in recordings.parts if p.role == role]) for role in ROLES}
+    told = f"Training, which is fitted: {named['train']}. Validation, which confirms: {named['validation']}."
+    if recordings.has_test:
+        return f"{told} Test, which decides nothing: {named['test']}."
+    return f"{told} No readings are left for a test, so the error on validation readings is no test."
+
+
+def part_words(part: Part) -> str:
+    """A recording, or what of it is meant."""
+    if part.begin is None:
+        return part.recording.name if part.end is None else f"{part.recording.name} up to {part.end:.4g} s"
+    until = "on" if part.end is None else f"to {part.end:.4g} s"
+    return f"{part.recording.name} from {part.begin:.4g} s {until}"
 
 
 def _disturbance(reports: Sequence[ResidualReport]) -> tuple[str, float, float] | None:
@@ -137,14 +152,12 @@ def result_of(context: LoopContext, ended: Ended, cause: DiagnosisRow | None) ->
     table, written = search.table, extended.written if extended is not None else None
     after = extended.fit if extended is not None else first.fit
     effects = extended.effects if extended is not None else ()
-    predicted = context.unseen.predict(first.plain, first.fit.optimum)
+    predicted = context.predictor.predict(first.plain, first.fit.optimum)
     same = tuple((t, *(o for o, _ in c.alternatives)) for t, c in decision.claims.items() if c.alternatives)
     noise = after.noise
     errors = _errors(context, predicted, extended.after if extended is not None else predicted, first.floors, after)
     outcome, sentence = _outcome(context, ended, predicted, errors)
-    steps, notes = ended.steps, tuple(filter(None, (
-        refused_sentence(decision) if effects else "", early_end_sentence(context, search.ended)
-    )))  # fmt: skip
+    steps, notes = ended.steps, tuple(filter(None, (early_end_sentence(context, search.ended),)))
     data = next((row for row in first.fit.diagnosis if row.cause == "data" and row.found), None)
     sentence = " ".join([sentence, *left_over(errors), *notes, *([f"Data: {data.sentence}"] if data else [])])
     if cause is not None:
@@ -179,13 +192,9 @@ def result_of(context: LoopContext, ended: Ended, cause: DiagnosisRow | None) ->
 def _errors(
     context: LoopContext, before: Prediction, after: Prediction, floors: Floors, fit: Fit
 ) -> tuple[RecordingError, ...]:
-    """The errors of both models on each recording, with what was fitted of it apart from what was not."""
-    known, parts = context.recordings, context.recordings.unseen_from
-    fitted: list[JudgedPart] = [(r, "train", None, parts.get(r.name)) for r in known.train]
-    unseen: list[JudgedPart] = [(r, "test", parts[r.name], None) for r in known.train if r.name in parts]
-    unseen += [(r, "test", None, None) for r in known.test]
+    """The errors of both models on each part of the recordings."""
     spreads = fit.calibration.data.spreads
-    return recording_errors([*fitted, *unseen], before.fitted, after.fitted, floors, fit.noise, spreads)
+    return recording_errors(context.recordings.parts, before.fitted, after.fitted, floors, fit.noise, spreads)
 
 
 def _outcome(
@@ -193,7 +202,8 @@ def _outcome(
 ) -> tuple[LoopOutcome, str]:
     """How the loop ended, and why."""
     if ended.extended is not None:
-        return "extended", extended_sentence(context.family.places.base, ended.extended.effects, errors, context.units)
+        told = [extended_sentence(context.family.places.base, ended.extended.effects, errors, context.units)]
+        return "extended", " ".join([*told, *_restrictions(context.settings)])
     structured = ended.search.structured(ended.decision.model)
     far = not structured and _far_off(context, ended.first, before)
     why = none_sentence(ended, structured, far, bool(left_over(errors)))
@@ -216,8 +226,8 @@ def _calibrated(source: ModelicaSource | None, extended: ExtendedFit | None, aft
 
 
 def _far_off(context: LoopContext, first: FirstFit, before: Prediction) -> bool:
-    """Whether the error of an output on unseen data is far larger than what an adequate fit leaves of it."""
-    for (name, output), error in before.test.items():
+    """Whether the error of an output on data that was not fitted is far larger than what an adequate fit leaves."""
+    for (name, output), error in before.by_role(before.judged).items():
         own = [r.rms for r in first.reports if r.output == output]
         least = max([first.fit.noise[output].sd, first.floors.get((name, output), 0.0), *own])
         if error.rms > context.settings.max_error_ratio * least:

@@ -18,14 +18,11 @@ from aero_bayes.estimate.parameters import Parameter, ParameterSet, prior_curvat
 from aero_bayes.estimate.residual_tests import check_residuals
 from aero_bayes.loop.table import Terms
 from aero_bayes.simulation.interface import ParameterTarget
+from aero_bayes.structure.held_values import held_candidate
 from aero_bayes.structure.modelica_family import CandidateTerm, ModelicaFamily, OpenSimulator
 
-#: What the id of a value that is held fixed and may be wrong begins with: ``value@J_p``.
-VALUE = "value@"
 #: Distance of a term's size from where the term is off that counts as none, as a share of its largest nominal one.
 MIN_SIZE = 1e-9
-#: Shares of a fixed value at which a simulation is tried.
-VALUE_SHARES = (0.7, 1.4)
 
 
 @dataclass(frozen=True, eq=False)
@@ -173,7 +170,7 @@ class ModelSource:
         offer = self.family.with_candidates(laws)
         parts = [*offer.terms]
         for id_ in sorted(t for t in terms if t in self.held):
-            parts.append((value_candidate(self.held[id_]), (replace(self.held[id_], free_if_identified=False),)))
+            parts.append((held_candidate(id_, self.held[id_]), (replace(self.held[id_], free_if_identified=False),)))
         calibration = self.family.transfer(self.plain, offer.model)
         candidates: dict[str, CandidateTerm] = {}
         for candidate, own in parts:
@@ -196,12 +193,6 @@ class ModelSource:
         if not any(p.starts for p in own):
             return tuple(own)
         return for_recordings(ParameterSet(tuple(own)), calibration.model, calibration.data.recordings).items
-
-
-def value_candidate(held: Parameter) -> CandidateTerm:
-    """The candidate that a fixed value is wrong."""
-    tried = [v for v in (share * held.start for share in VALUE_SHARES) if held.lower < v < held.upper]
-    return CandidateTerm(VALUE + held.name, held.name, tuple((v,) for v in tried) or ((held.upper,),))
 
 
 class Models:

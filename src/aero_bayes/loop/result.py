@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from aero_bayes.arrays import FloatArray
-from aero_bayes.data.split import Recordings
+from aero_bayes.data.split import ROLES, Recordings
 from aero_bayes.display import table_html
 from aero_bayes.errors import InputError
 from aero_bayes.estimate.calibrated_model import CalibratedModel
@@ -20,6 +20,7 @@ from aero_bayes.estimate.diagnosis import Diagnosis
 from aero_bayes.estimate.identifiability import Estimate, Identifiability
 from aero_bayes.estimate.noise import OutputNoise
 from aero_bayes.estimate.parameters import Parameter
+from aero_bayes.estimate.predict_recordings import Prediction, Shift
 from aero_bayes.estimate.residual_tests import RecordingError, ResidualReport, reports_by_recording
 from aero_bayes.estimate.result import Fit
 from aero_bayes.figures import HasPage, describe_figure_parameters, drawn
@@ -27,7 +28,6 @@ from aero_bayes.files import ScratchFolder
 from aero_bayes.loop.decide import Decision
 from aero_bayes.loop.extend import FoundEffect, Limit
 from aero_bayes.loop.table import Table, Terms
-from aero_bayes.loop.unseen import Prediction, Shift
 from aero_bayes.plain import picked
 from aero_bayes.simulation.interface import Interpolation
 from aero_bayes.simulation.model import Model
@@ -71,7 +71,7 @@ class FittedLoop:
 
         Examples
         --------
-        >>> loop.summary().splitlines()[0].split()[:2]
+        >>> loop.summary().splitlines()[1].split()[:2]
         ['parameter', 'value']
         """
         return self.after.summary()
@@ -167,11 +167,11 @@ class LoopResult(FittedLoop, HasPage):
     limits : tuple of Limit
         The smallest size of each law at each port that these recordings would have shown.
     refused : tuple of tuples of str
-        Models, by their terms, that the unseen recordings refused.
+        Models, by their terms, that explain the training recordings better and predict validation readings worse.
     before, after : Fit
         Of the model as it stood and of the one that came out (the same where nothing was added).
     predicted_before, predicted_after : Prediction
-        What these predict of all recordings, fitted and unseen, and their errors.
+        What these predict of all recordings, and their errors by role: training, validation, test.
     floors : mapping of (str, str) to float
         Noise floor by recording and output, in the output's SI unit.
     residual_before, residual_after : tuple of ResidualReport
@@ -353,7 +353,7 @@ class LoopResult(FittedLoop, HasPage):
         """Return the errors as a table, and the page below it; where a viewer shows no frames, the table alone."""
         rows = [
             (role, output, f"{rms:.4g}", f"{self.predicted_after.pooled(role)[output]:.4g}")
-            for role in ("train", "test")
+            for role in ROLES
             for output, rms in self.predicted_before.pooled(role).items()
         ]
         table = table_html(("data", "output", "error before (RMS)", "error after (RMS)"), rows, self.sentence)
@@ -362,14 +362,14 @@ class LoopResult(FittedLoop, HasPage):
 
     def _errors(self) -> str:
         """RMS by output on data that was not fitted, before and after."""
-        role = "test" if self.predicted_before.test else "train"
+        role = self.predicted_before.judged
         before, after = (p.pooled(role) for p in (self.predicted_before, self.predicted_after))
         words = (f"{output} {rms:.3g} -> {after[output]:.3g}" for output, rms in before.items())
         return f"RMS on {role} data: {', '.join(words)}"
 
     def to_dict(self) -> dict[str, object]:
         """Return the ``loop`` entry of result.json."""
-        roles, before, after = ("train", "test"), self.predicted_before, self.predicted_after
+        roles, before, after = ROLES, self.predicted_before, self.predicted_after
         told = "outcome sentence base model equivalent limits refused blocks separate story diff simulations failures"
         return picked(
             self, f"{told} seconds steps errors",
@@ -384,6 +384,10 @@ class LoopResult(FittedLoop, HasPage):
                 "after": reports_by_recording(self.residual_after),
             },
             modelica_source=self.modelica, notes=self.data_notes,
+            parts=[
+                {"recording": p.recording.name, "role": p.role, "begin": p.begin, "end": p.end}
+                for p in (self.recordings.parts if self.recordings is not None else ())
+            ],
         )  # fmt: skip
 
     def series(self) -> dict[str, FloatArray]:

@@ -15,7 +15,7 @@ import numpy as np
 
 from aero_bayes.arrays import FloatArray
 from aero_bayes.estimate.parameters import prior_curvature
-from aero_bayes.loop.left_out import Blocks
+from aero_bayes.loop.folds import Folds
 from aero_bayes.loop.models import CandidateModel, FittedModel
 from aero_bayes.loop.table import MATERIAL
 
@@ -68,7 +68,7 @@ class Screen:
     fitted: FittedModel
     model: CandidateModel
     term: str
-    blocks: Blocks
+    folds: Folds
     found: list[Promise] = field(default_factory=list)
     smallest: float = math.inf
 
@@ -80,8 +80,8 @@ class Screen:
         self.origin = self.model.coordinates_of(self.fitted.values, self.fitted.terms)
         self.free = [parameters.index(names[j]) for j in optimum.free]
         self.response, self.noise = self.fitted.response, self.fitted.noise
-        self.left = self.blocks.sums(self.response.remaining)
-        self.here = self.blocks.on_fitted(self.fitted)
+        self.left = self.folds.sums(self.response.remaining)
+        self.here = self.folds.on_fitted(self.fitted)
 
     def run(self, known: Sequence[tuple[float, ...]] = ()) -> Screened:
         """Screen the term; ``known`` are values (SI) that it has in other fits.
@@ -144,12 +144,12 @@ class Screen:
             across, back = self.response.readjusted(change[np.newaxis])
             size = abs(start[0] - off)
             self._add(point, across[0], back[0], (), (1.0, math.copysign(1.0, start[0] - off), *start[1:]))
-            if np.any(self.blocks.sums(across[0]) >= SEEN * self.left):
+            if np.any(self.folds.sums(across[0]) >= SEEN * self.left):
                 self.smallest = min(self.smallest, size)
 
     def _note_size(self, across: FloatArray, unit: float, room: float) -> None:
         """Note the size (a coordinate of ``unit`` SI units) whose signature would be seen in what is left."""
-        signature = self.blocks.sums(across)
+        signature = self.folds.sums(across)
         acting = signature > 0.0
         if np.any(acting):
             size = float(np.sqrt(np.min(SEEN * self.left[acting] / signature[acting])))
@@ -165,12 +165,12 @@ class Screen:
             return
         remaining = self.response.remaining
         weights = remaining * direction
-        along = np.bincount(self.blocks.owner, weights=weights, minlength=len(self.left))
-        across = self.blocks.sums(direction)
+        along = np.bincount(self.folds.owner, weights=weights, minlength=len(self.left))
+        across = self.folds.sums(direction)
         best, score = 1.0, math.inf
         for step in steps or (1.0, float(np.clip(along.sum() / power, MIN_STEP, MAX_STEP))):
             left = np.maximum(self.left - 2.0 * step * along + step * step * across, 1e-12 * self.left)
-            one = float(np.sum(0.5 * np.log(np.maximum(left * self.noise**2, np.maximum(self.blocks.least, 1e-300)))))
+            one = float(np.sum(0.5 * np.log(np.maximum(left * self.noise**2, np.maximum(self.folds.least, 1e-300)))))
             best, score = (step, one) if one < score else (best, score)
         point, size, parameters = point.copy(), self.columns[0], self.model.objective.parameters
         if best != 1.0:
@@ -188,7 +188,7 @@ class Screen:
         objective, noise = self.model.objective, self.fitted.optimum.noise
         for p, there in zip(kept, objective.residuals(np.array([p.point for p in kept])) if kept else [], strict=True):
             if there is not None:
-                gain = self.here - self.blocks.score(objective.whiten(there, noise).residual, self.noise)
+                gain = self.here - self.folds.score(objective.whiten(there, noise).residual, self.noise)
                 if math.isfinite(gain):
                     self.found.append(Promise(max(gain, UNCONFIRMED * p.gain), p.point, p.kind))
         self.found.sort(key=lambda p: -p.gain)

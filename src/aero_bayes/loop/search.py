@@ -21,28 +21,56 @@ import numpy as np
 from aero_bayes.arrays import FloatArray
 from aero_bayes.errors import CannotFinishError
 from aero_bayes.estimate.local_fit import LocalFitSettings, Optimum, fit_progressive_horizon, local_fit
-from aero_bayes.loop.left_out import ROUNDING_SHARE, Blocks, newton_errors, refitted_errors
+from aero_bayes.loop.folds import ROUNDING_SHARE, Folds, newton_errors, refitted_errors
 from aero_bayes.loop.models import FittedModel, Models, ModelSource
 from aero_bayes.loop.screen import LEAST_FALL, Promise, Screen, Screened
 from aero_bayes.loop.table import MATERIAL, Row, Table, Terms
+from aero_bayes.loop.validation import Validation
 from aero_bayes.parallel import ParallelMap, Task
 from aero_bayes.simulation.interface import Outcome
 
 R = TypeVar("R")
 
-#: Structures of each size that are extended, from none to two terms: the best may hold none of the right ones.
-BEAM = (1, 4, 2)
-#: Terms beside a structure that are kept after a brief fit (beside the first model, whose predictions are the worst;
-#: beside others), those of them that are fitted to the end, and those that begin with a beginning of the recordings.
-FITTED, FINISHED, BEGUN = (12, 6), 5, (3, 1)
-#: Structures that are fitted in a search, and those beside them that are tried in the place of a term of the model.
-MOST_STRUCTURES, MOST_SWAPS, LEAST_SWAPS = 45, 15, 2
+
+@dataclass(frozen=True)
+class Effort:
+    """How much is tried in a search, by what a simulation costs.
+
+    ``beam`` are structures of each size that are extended, from none to two terms: the best may hold none of the right
+    ones. Beside a structure so many terms are ``fitted`` after a brief fit (beside the first model, whose predictions
+    are the worst; beside others), ``finished`` of them are fitted to the end, and ``begun`` with a beginning of the
+    recordings. ``structures`` are fitted in all, ``swaps`` besides in the place of a term of the model. Beside
+    the first model each term is fitted from ``declared`` nominal sizes and declared values, finer laws, too."""
+
+    beam: tuple[int, int, int] = (1, 4, 2)
+    fitted: tuple[int, int] = (12, 6)
+    finished: int = 5
+    begun: tuple[int, int] = (3, 1)
+    structures: int = 45
+    swaps: int = 15
+    declared: int = 0
+
+    @classmethod
+    def of(cls, steps: int) -> Effort:
+        """The effort for a first model that a run of the recordings costs so many steps of the engine."""
+        return next((effort for most, effort in EFFORTS if steps <= most), cls())
+
+
+#: Steps of a run up to which everything is tried, and up to which twice as much is tried as otherwise.
+EFFORTS = (
+    (150, Effort((1, 30, 8), (60, 60), 60, (60, 60), 300, 100, 6)),
+    (2500, Effort((1, 6, 4), (30, 12), 12, (12, 3), 90, 30, 3)),
+)
+#: Terms that are tried at least in the place of another one.
+LEAST_SWAPS = 2
 #: Points from which a term is fitted: by its slope, by simulation, and beside the declared values.
 MOST_STARTS = 3
 #: What the kind of a promise beside the declared values begins with, at least.
 DECLARED = 2.0
 #: Steps of a brief fit and of one to the end, and the relative fall of the squared error that a step must promise.
 BRIEF, WHOLE = (4, 2e-3), (25, 1e-4)
+#: The same of a fit without a fold: from the fit to all it ends in a few steps, or tells that a fold decides.
+REFIT = (5, 1e-3)
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,6 +102,8 @@ class Search:
     library: Library
     floors: Mapping[tuple[str, str], float]
     control: Control
+    validated_by: Callable[[FittedModel], Validation | None] = lambda fitted: None
+    effort: Effort = Effort()
     fits: dict[Terms, FittedModel] = field(default_factory=dict)
     screened: dict[Terms, dict[str, Screened]] = field(default_factory=dict)
     skipped: dict[str, None] = field(default_factory=dict)
@@ -103,14 +133,22 @@ class Search:
         if model is None:
             return found
         for point in points:
+            if found and self.control.late():
+                break
             with suppress(CannotFinishError):
-                end = local_fit(model.objective, point, model.free(terms), settings=self.settings(how))
+                end = local_fit(
+                    model.objective, point, model.free(terms), settings=self.settings(how), on_iteration=self._stop
+                )
                 found.append(FittedModel(model, terms, end))
         return found
 
+    def _stop(self, iteration: int, cost: float) -> bool:
+        """Whether a fit has to end where it is: none runs past the time limit."""
+        return self.control.late()
+
     def found(self, terms: Terms, points: Iterable[FloatArray], how: tuple[int, float]) -> Optimum | None:
         """The best of the fits from some points."""
-        best = min(self.fits_from(terms, points, how), key=self.blocks.on_fitted, default=None)
+        best = min(self.fits_from(terms, points, how), key=self.folds.on_fitted, default=None)
         return None if best is None else best.optimum
 
     def at_values(self, terms: Terms, values: Mapping[str, float], on: Terms) -> list[FloatArray]:
@@ -125,26 +163,37 @@ class Search:
             model = self.models.of(terms) if optimum is not None else None
             if optimum is not None and model is not None:
                 fitted, known = FittedModel(model, terms, optimum), self.fits.get(terms)
-                ahead = known is None or self.blocks.on_fitted(fitted) < self.blocks.on_fitted(known)
+                ahead = known is None or self.folds.on_fitted(fitted) < self.folds.on_fitted(known)
                 off = set(fitted.off_terms) - set(self.library.required)
                 better |= {terms: fitted} if ahead and not off else {}
-        works = [partial(newton_errors, fitted, self.blocks) for fitted in better.values()]
-        for (terms, fitted), errors in zip(better.items(), self._map(works), strict=True):
-            if errors is not None and np.all(np.isfinite(errors)):
-                self.fits[terms] = fitted
-                unseen = self.table.rows[terms].unseen if terms in self.table.rows else None
-                self.table.rows[terms] = Row(terms, errors, len(fitted.optimum.free), unseen=unseen)
+        works = [partial(self._row, fitted) for fitted in better.values()]
+        for (terms, fitted), row in zip(better.items(), self._map(works), strict=True):
+            if row is not None and np.all(np.isfinite(row.errors)):
+                self.fits[terms], self.table.rows[terms] = fitted, row
+
+    def _row(self, fitted: FittedModel) -> Row:
+        """Errors of a structure on readings that were left out, on validation and on test readings."""
+        errors = newton_errors(fitted, self.folds)
+        row = Row(fitted.terms, errors, len(fitted.optimum.free))
+        if self.validation is None:
+            return row
+        with suppress(CannotFinishError):
+            confirmed, tested = self.validation.errors(fitted.model.objective.calibration, fitted.optimum)
+            return replace(row, validation=confirmed, test=tested) if np.all(np.isfinite(confirmed)) else row
+        return row
 
     def begin(self, values: Mapping[str, float]) -> None:
-        """Fit the first model from its values, cut the readings into blocks, and fit the required terms."""
+        """Fit the first model from its values, cut the readings into folds, and fit the required terms."""
         first = self.fits_from((), self.at_values((), values, ()), WHOLE)
         if not first:
             raise CannotFinishError("the first model cannot be simulated")
-        self.blocks = Blocks.of(first[0])
+        self.folds = Folds.of(first[0])
         ports = {t: t.rpartition("@")[2] for t in self.library.offered}
-        self.table = Table(self.blocks.outputs, self.blocks.least, ports, self.library.refines, self.library.curves)
+        self.table = Table(self.folds.outputs, self.folds.least, ports, self.library.refines, self.library.curves)
+        self.table.readings = len(self.folds.owner)
         self.fits[()] = first[0]
-        self.table.rows[()] = Row((), newton_errors(first[0], self.blocks), len(first[0].optimum.free))
+        self.validation = self.validated_by(first[0])
+        self.table.rows[()] = self._row(first[0])
         terms: Terms = ()
         for id_ in self.library.required:
             self.fit_children(terms, [id_], least=-math.inf)
@@ -167,15 +216,22 @@ class Search:
                 break
             parents = self._beam(size - 1)
             for k, parent in enumerate(parents):
-                if len(self.fits) < MOST_STRUCTURES and not self._late(f"structures of {size} terms"):
+                if len(self.fits) < self.effort.structures and not self._late(f"structures of {size} terms"):
                     what = f"trying each term{' beside ' * bool(parent)}{', '.join(parent)}"
                     self.control.tell(what, (size - 1 + k / len(parents)) / self.library.most_terms)
                     self.extend(parent)
             here = self.table.best_of_size(self.fits).get(size)
-            if here is not None and self.table.material(here, best):
+            if here is not None and self._pays(here, best):
                 best = here
             elif here is None or size > len(best) + 1:
                 break
+
+    def _pays(self, here: Terms, best: Terms) -> bool:
+        """Whether a larger structure is worth extending: it falls materially by one witness at least.
+
+        Each witness alone may mislead the decision; the search only goes on."""
+        falls = (self.table.witnesses(here) - self.table.witnesses(best)).min(axis=1)
+        return bool(np.any(falls <= math.log(MATERIAL)))
 
     def _late(self, what: str) -> bool:
         """Whether the time limit has passed; what was being done then is kept."""
@@ -191,7 +247,7 @@ class Search:
         for k in order:
             places.setdefault(tuple(sorted(self.table.ports.get(t, t) for t in k)), k)
         plain = [k for k in order if not set(k) & set(self.library.curves)]
-        width = BEAM[min(size - len(required), len(BEAM) - 1)]
+        width = self.effort.beam[min(size - len(required), len(self.effort.beam) - 1)]
         return list(dict.fromkeys([*order[:1], *plain[:1], *places.values(), *order]))[:width]
 
     def extend(self, parent: Terms, near: float | None = None) -> None:
@@ -204,14 +260,14 @@ class Search:
         offered = [t for t in free if not (curved and t in curves)]
         self.fit_children(parent, offered, near)
         children = [k for k in self.fits if len(k) == len(parent) + 1 and set(parent) < set(k)]
-        best = sorted(children, key=self.table.order)[: BEAM[1]]
+        best = sorted(children, key=self.table.order)[: self.effort.beam[1]]
         coarse = {t for k in best for t in set(k) - set(parent)} | set(parent)
         for t, of in self.library.refines.items():
             origin = tuple(x for x in parent if x != of)
             child, second = _plus(origin, t), t in self.library.curves and set(origin) & set(self.library.curves)
             wanted = of in coarse and t in self.library.offered and t not in parent and not second
             new = origin in self.fits and child not in self.fits
-            if wanted and new and len(self.fits) < MOST_STRUCTURES + MOST_SWAPS:
+            if wanted and new and len(self.fits) < self.effort.structures + self.effort.swaps:
                 self.fit_children(origin, [t])
 
     def fit_children(
@@ -219,28 +275,29 @@ class Search:
     ) -> None:
         """Fit the terms that promise most beside a structure: some steps each, the best of them to the end."""
         promises = self.screen(parent, offered)
-        here, gains = self.blocks.on_fitted(self.fits[parent]), {t: s.gain for t, s in promises.items()}
+        here, gains = self.folds.on_fitted(self.fits[parent]), {t: s.gain for t, s in promises.items()}
         if len(offered) > 1:
             coarse = {t: gains.get(of, -math.inf) for t, of in self.library.refines.items()}
-            gains = {t: g for t, g in gains.items() if t not in coarse or g > coarse[t] + LEAST_FALL}
+            finer = self.effort.declared and not parent
+            gains = {t: g for t, g in gains.items() if finer or t not in coarse or g > coarse[t] + LEAST_FALL}
         if near is None:
             # A first fit may have gone so far astray that no promise is worth anything: from the declared values a law
             # is fitted whatever it promises.
             order = [t for t in gains if gains[t] >= least or (not parent and t not in self.library.curves)]
-            count = len(order) if not parent else FITTED[1]
+            count = len(order) if not parent else self.effort.fitted[1]
         else:
             order = [t for t in gains if here - gains[t] <= near and _plus(parent, t) not in self.fits]
-            count = MOST_STRUCTURES + MOST_SWAPS - len(self.fits)
+            count = self.effort.structures + self.effort.swaps - len(self.fits)
         order = sorted(order, key=lambda t: (-gains[t], t))[: max(count, LEAST_SWAPS)]
         children = [_plus(parent, t) for t in order]
         works = [partial(self._brief, parent, t, promises[t].promises) for t in order]
         found = dict(zip(children, self._map(works), strict=True))
         ends = sorted((k for k in children if found[k] is not None), key=lambda k: (self._score(found[k]), k))
-        ends = ends if near is not None else ends[: FITTED[bool(parent)]]
+        ends = ends if near is not None else ends[: self.effort.fitted[bool(parent)]]
         self.keep({k: found[k] for k in ends})
-        kept = [k for k in ends[:FINISHED] if k in self.fits]
+        kept = [k for k in ends[: self.effort.finished] if k in self.fits]
         self.finish(kept)
-        again = [k for k in kept[: BEGUN[bool(parent)]] if near is None and self.structured(k)]
+        again = [k for k in kept[: self.effort.begun[bool(parent)]] if near is None and self.structured(k)]
         self.keep(dict(zip(again, self._map([partial(self._from_beginning, k) for k in again]), strict=True)))
 
     def screen(self, parent: Terms, offered: Sequence[str]) -> dict[str, Screened]:
@@ -265,16 +322,18 @@ class Search:
         """Fit a part of a structure, and all that does nearly as well as what it lacks in its place."""
         self.completed.add(part)
         # A fit of the part by itself may have ended in a local optimum that its values in the whole avoid.
-        freed = {self.source.held[t].name for t in {*model} - {*part} if t in self.source.held}
+        freed = {n for t in {*model} - {*part} if t in self.source.held for n in self.fits[model].term_values(t)}
         values = {name: value for name, value in self.fits[model].values.items() if name not in freed}
         self.keep({part: self.found(part, self.at_values(part, values, part), WHOLE)})
         if part in self.fits and len(part) + 1 == len(model):
-            self.extend(part, self.blocks.on_fitted(self.fits[model]) - 2.0 * math.log(MATERIAL))
+            self.extend(part, self.folds.on_fitted(self.fits[model]) - 2.0 * math.log(MATERIAL))
 
     def refit(self, structures: Sequence[Terms]) -> None:
-        """Find the errors of some structures by fits without each block."""
+        """Find the left-out errors of some structures by fits without each fold."""
         self.finish(structures)
-        works = [partial(refitted_errors, self.fits[k], self.blocks, self.settings(WHOLE)) for k in structures]
+        works = [
+            partial(refitted_errors, self.fits[k], self.folds, self.settings(REFIT), self._stop) for k in structures
+        ]
         most = 1e6 * self.table.rows[()].errors.sum(axis=0)
         for k, errors in zip(structures, self._map(works), strict=True):
             if errors is not None:
@@ -300,11 +359,11 @@ class Search:
         known = [f for k, f in self.fits.items() if term in k and k != child]
         best = min(known, key=lambda f: self.table.order(f.terms), default=None)
         values = [tuple(best.term_values(term).values())] if best is not None else []
-        found = Screen(fitted, model, term, self.blocks).run(values)
+        found = Screen(fitted, model, term, self.folds).run(values)
         declared = fitted.at_declared_values() if not parent else None
         if declared is not None:
-            loss = self.blocks.on_fitted(declared) - self.blocks.on_fitted(fitted)
-            there = Screen(declared, model, term, self.blocks).run()
+            loss = self.folds.on_fitted(declared) - self.folds.on_fitted(fitted)
+            there = Screen(declared, model, term, self.folds).run()
             moved = (replace(p, gain=p.gain - loss, kind=(DECLARED + p.kind[0], *p.kind[1:])) for p in there.promises)
             promises = (*found.promises, *moved)
             found = replace(found, promises=tuple(sorted(promises, key=lambda p: -p.gain)))
@@ -318,12 +377,27 @@ class Search:
         sources = {p.kind[0]: p for p in reversed(promises)}
         points = [p.point for p in sources.values() if p.gain >= LEAST_FALL or p.kind[0] >= DECLARED]
         points = points[::-1] or [p.point for p in promises[:1]]
-        ends = self.fits_from(child, points[:MOST_STARTS], BRIEF)
-        here = self.blocks.on_fitted(start)
-        if all(self.blocks.on_fitted(end) > here for end in ends):
+        points = points[:MOST_STARTS] + ([] if parent else self._declared_points(child, term))
+        ends = self.fits_from(child, points, BRIEF)
+        here = self.folds.on_fitted(start)
+        if all(self.folds.on_fitted(end) > here for end in ends):
             ends += self.fits_from(child, self.at_values(child, start.values, parent), BRIEF)
-        end = min(ends, key=self.blocks.on_fitted, default=None)
+        end = min(ends, key=self.folds.on_fitted, default=None)
         return None if end is None else end.optimum
+
+    def _declared_points(self, child: Terms, term: str) -> list[FloatArray]:
+        """Points (p,) at the declared values of the first model and nominal sizes of a term.
+
+        Where the first model had to bend far, its fit is no place to begin from, and sizes are wrong there."""
+        model = self.models.of(child)
+        starts = model.candidates[term].starts[: self.effort.declared] if model is not None else ()
+        points = []
+        for start in starts:
+            assert model is not None
+            values = model.objective.parameters.start.copy()
+            values[list(model.candidates[term].columns[: len(start)])] = start
+            points.append(model.objective.parameters.to_search(values))
+        return points
 
     def _from_beginning(self, terms: Terms) -> Optimum | None:
         """Fit the beginning of the recordings first, then more and more of them.
@@ -333,14 +407,14 @@ class Search:
         start = model.objective.parameters.revived(known, model.free_base_columns)
         settings = self.settings(WHOLE).with_limits(WHOLE[0], 0.01)
         free = model.free(terms)
-        point, _ = fit_progressive_horizon(model.objective, start, free, settings, self.source.open, known)
+        point, _ = fit_progressive_horizon(model.objective, start, free, settings, self.source.open, known, self._stop)
         return self.found(terms, [point], WHOLE)
 
     def _score(self, found: Optimum | None) -> float:
         """Score of a fit that a task brought back, on the fitted readings."""
         if found is None:
             return math.inf
-        return self.blocks.score(found.whitened.residual, np.array([found.noise[o].sd for o in self.blocks.outputs]))
+        return self.folds.score(found.whitened.residual, np.array([found.noise[o].sd for o in self.folds.outputs]))
 
 
 def _tried(work: Callable[[], R]) -> R | None:

@@ -10,8 +10,8 @@ from typing import Any
 
 from aero_bayes.display import join_names, with_unit
 
-#: Alternatives that are listed by name.
-MAX_NAMED = 3
+#: Alternatives that are listed by name, and those from which on an effect is not told at all.
+MAX_NAMED, MAX_TOLD = 3, 5
 #: Ratio of two errors above which the error is said to grow.
 MIN_GROWTH_RATIO = 1.05
 _COUNTS = ("no", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten", "eleven", "twelve")
@@ -29,11 +29,19 @@ def lacking(effects: Sequence[Any]) -> str:
 
 
 def _what(effect: Any) -> str:
-    if effect.claim == "one of":
-        return f"one of {_number(1 + len(effect.alternatives))} effects, such as {in_words(effect) or effect.id}"
+    others = len(effect.alternatives)
+    what = in_words(effect) or str(effect.id)
+    if effect.claim == "one of" and others:
+        told = f"one of {_number(1 + others)} effects" if others <= MAX_TOLD else "an effect that the data do not tell"
+        return f"{told}, such as {what}"
     if effect.kind == "free_form" or effect.claim == "place":
         return f"an effect at {effect.port}"
-    return in_words(effect) or str(effect.id)
+    return f"{what} ({places(effect)})" if effect.claim == "mechanism" else what
+
+
+def places(effect: Any) -> str:
+    """Return the places at which a law does as well."""
+    return "at " + join_names(list(dict.fromkeys([effect.port, *(one.port for one in effect.alternatives)])), "or")
 
 
 def in_words(effect: Any) -> str:
@@ -46,16 +54,17 @@ def _number(count: int) -> str:
     return _COUNTS[count] if count < len(_COUNTS) else str(count)
 
 
-def cross_validated(effect: Any, name: str) -> str:
+def cross_validated(effect: Any, name: str, beside: Sequence[str] = ()) -> str:
     """Say how far an effect lowers the error on readings that were left out of the fit; ``name`` is what it is called.
 
-    Empty where that is not known."""
+    The error is that of the model with the effects ``beside`` it. Empty where that is not known."""
     if effect.share is None:
         return ""
     verb, change = ("raises", effect.share - 1.0) if effect.share > 1.0 else ("lowers", 1.0 - effect.share)
     spread = f" ± {100.0 * effect.share_sd:.0f}" if (effect.share_sd or 0.0) >= 0.005 else ""
     of = f" of {effect.share_of}" if effect.share_of else ""
-    return f"Cross-validated on training, {name} {verb} the error{of} by {100.0 * change:.0f}{spread} %."
+    rest = f" beside {join_names(beside)}" if beside else ""
+    return f"Cross-validated on training, {name} {verb} the error{of}{rest} by {100.0 * change:.0f}{spread} %."
 
 
 def claimed(effect: Any, name: str, others: str = "") -> str:
@@ -66,16 +75,32 @@ def claimed(effect: Any, name: str, others: str = "") -> str:
     if effect.claim is None:
         return ""
     if effect.claim == "law":
-        if effect.kind != "free_form":
-            return f"{'No other law' if known else 'Nothing else'} that was tried does as well as {name}."
-        like = f"; it looks like {effect.looks_like}" if effect.looks_like else ""
-        return f"No law of the library does as well as {name}, a curve that was learned from the data{like}."
+        if known:
+            forms = f"the same law with more parameters or as a curve does ({others or _listed(known)})"
+            return f"No other law that was tried does as well as {name}; {forms}."
+        return f"Nothing else that was tried does as well as {name}."
+    late = "" if effect.tried_all else "What else may be in its place was not all tried for lack of time."
+    if len(known) > MAX_TOLD and effect.claim == "one of":
+        told = f"The data do not tell which effect it is: {_number(len(known))} others do as well, {_how_near(known)}."
+        return f"{told} {late}".strip()
+    told = f"The data do not tell {name} from {others or _listed(known)}: {_how_near(known)}." if known else ""
+    told = told or (
+        f"No law of the library does as well as {name}, a curve that was learned from the data."
+        if effect.kind == "free_form" else ""
+    )  # fmt: skip
+    like = f"It looks like {effect.looks_like}." if effect.kind == "free_form" and effect.looks_like else ""
+    what = {
+        "place": "The place is known, the law is not.",
+        "mechanism": f"The law is known, its place is not: it acts {places(effect)}.",
+    }.get(effect.claim, "")
+    return " ".join(filter(None, (told, like, what, late)))
+
+
+def _listed(known: Sequence[Any]) -> str:
     ids = [one.id for one in known]
     if len(ids) > MAX_NAMED:
         ids = [*ids[: MAX_NAMED - 1], f"{len(ids) - MAX_NAMED + 1} more"]
-    told = f"The data do not tell {name} from {others or join_names(ids)}: {_how_near(known)}." if ids else ""
-    place = "The place is known, the law is not." if effect.claim == "place" else ""
-    return " ".join(filter(None, (told, place)))
+    return join_names(ids)
 
 
 def _how_near(others: Sequence[Any]) -> str:
@@ -83,12 +108,13 @@ def _how_near(others: Sequence[Any]) -> str:
     them = "it" if len(others) == 1 else "them"
     worst = max((one.error_ratio or 1.0) - 1.0 for one in others)
     if worst < 0.01:
-        return f"with {them} the left-out error is the same"
-    return f"with {them} the left-out error is {'' if len(others) == 1 else 'at most '}{100.0 * worst:.0f} % larger"
+        return f"with {them} the error on left-out and validation readings is the same"
+    most = "" if len(others) == 1 else "at most "
+    return f"with {them} the error on left-out and validation readings is {most}{100.0 * worst:.0f} % larger"
 
 
 def error_change(errors: Sequence[Any], units: Mapping[str, str]) -> str:
-    """Say in which recording that was not fitted the error falls most, and where it grows; empty without errors."""
+    """Say in which part of the test the error falls most, and where it grows; empty without errors."""
     known = _compared(errors)
     if not known:
         return ""
@@ -106,9 +132,14 @@ def growing(errors: Sequence[Any], units: Mapping[str, str]) -> list[str]:
 
 
 def _compared(errors: Sequence[Any]) -> list[Any]:
-    """Return the errors with a value before and after, those on recordings that were not fitted if there are any."""
-    known = [e for e in errors if e.before and e.after is not None]
-    return [e for e in known if e.role == "test"] or known
+    """Return the errors with a value before and after, of those that are told first."""
+    return told_first([e for e in errors if e.before and e.after is not None])
+
+
+def told_first(errors: Sequence[Any]) -> list[Any]:
+    """Return the errors on test readings; where there are none those on validation readings, or else all."""
+    by_role = ([e for e in errors if e.role == role] for role in ("test", "validation"))
+    return next(filter(None, by_role), list(errors))
 
 
 def _from_to(error: Any, units: Mapping[str, str]) -> str:
@@ -117,16 +148,20 @@ def _from_to(error: Any, units: Mapping[str, str]) -> str:
 
 
 def place(error: Any) -> str:
-    """Return a recording and its role, or the part of it that was not fitted."""
-    if error.begin is not None:
-        return f"what was not fitted of {error.recording} (from {error.begin:.6g} s on)"
-    return f"the {'test' if error.role == 'test' else 'training'} recording {error.recording}"
+    """Return a recording, or the part of it, and its role."""
+    role = {"train": "training"}.get(error.role, error.role)
+    if error.begin is None and error.end is None:
+        return f"the {role} recording {error.recording}"
+    first = "" if error.begin is None else f"from {error.begin:.4g} s "
+    last = "on" if error.end is None else f"{'to' if first else 'up to'} {error.end:.4g} s"
+    return f"the {role} part of {error.recording} ({first}{last})"
 
 
 def left_over(errors: Sequence[Any]) -> list[str]:
     """Say of each output where the model does not explain it down to the noise, on what was not fitted first."""
     told = []
-    judged = sorted((e for e in errors if e.verdict != "noise"), key=lambda e: e.role != "test")
+    order = ("test", "validation", "train")
+    judged = sorted((e for e in errors if e.verdict != "noise"), key=lambda e: order.index(e.role))
     for output in dict.fromkeys(e.output for e in judged):
         own = [e for e in judged if e.output == output]
         large = [f"{_ratio(e)} on {place(e)}" for e in own if e.verdict == "too large"]
@@ -145,5 +180,10 @@ def _ratio(error: Any) -> str:
 def extended_sentence(base: str, effects: Sequence[Any], errors: Sequence[Any], units: Mapping[str, str]) -> str:
     """Say what was added, how far the error falls with it, and what is claimed of each term."""
     told = [f"{base.rpartition('.')[2]} {lacking(effects)}.", error_change(errors, units)]
-    told += [text for e in effects for text in (cross_validated(e, e.id), claimed(e, e.id))]
+    told += [text for e in effects for text in (cross_validated(e, e.id, beside(effects, e)), claimed(e, e.id))]
     return " ".join(filter(None, told))
+
+
+def beside(effects: Sequence[Any], effect: Any) -> list[str]:
+    """Return the ids of the other effects, beside which one effect was cross-validated."""
+    return [e.id for e in effects if e.id != effect.id]

@@ -18,31 +18,36 @@ Terms = tuple[str, ...]
 
 #: A term is material if it lowers the error to this share: a quarter less is what an engineer changes a model for.
 MATERIAL = 0.75
+#: Share to which each witness alone (left-out training, validation) has to fall, over all outputs.
+BOTH = 0.9
 #: Standard errors by which one structure must predict better to be clearly better; with few blocks more (Student's t).
 CLEAR = 2.0
 #: Resampled sets of blocks, and their seed: standard errors are known to 4 %.
 DRAWS, SEED = 400, 1
+#: Error, over that of the first model, of a structure that cannot be simulated.
+FAILED = 1e3
 
 
 @dataclass(frozen=True, eq=False)
 class Row:
-    """One structure: squared ``errors`` (blocks, outputs) on left-out readings, its number of ``free`` parameters,
-    whether it was ``refitted`` without each block, and RMS errors ``unseen`` by output.
+    """One structure: squared errors (blocks, outputs) on left-out training readings and on ``validation`` readings.
 
-    These are None before they are known, and empty where the model cannot be simulated on unseen recordings."""
+    ``free`` is its number of free parameters, ``refitted`` whether it was fitted again without each fold. ``test`` is
+    the RMS on test readings by output, which no decision uses. There may be no validation."""
 
     terms: Terms
     errors: FloatArray
     free: int
     refitted: bool = False
-    unseen: Mapping[str, float] | None = None
+    validation: FloatArray | None = None
+    test: Mapping[str, float] = field(default_factory=dict)
 
 
 @dataclass(eq=False)
 class Table:
     """Errors of all structures, and of each term its port, the coarser law that it refines, and whether it is a curve.
 
-    ``least`` (outputs,) is the squared error that counts as none."""
+    ``least`` (outputs,) is the squared error that counts as none, ``readings`` the number of training readings."""
 
     outputs: tuple[str, ...]
     least: FloatArray
@@ -50,35 +55,69 @@ class Table:
     refines: Mapping[str, str]
     curves: Collection[str]
     rows: dict[Terms, Row] = field(default_factory=dict)
+    readings: int | None = None
 
     @property
     def blocks(self) -> int:
-        """Number of blocks."""
+        """Number of blocks of training readings."""
         return len(next(iter(self.rows.values())).errors)
 
     @cached_property
-    def _draws(self) -> FloatArray:
-        """How often each block is in each resampled set (draws, blocks)."""
-        drawn = np.random.default_rng(SEED).integers(0, self.blocks, (DRAWS, self.blocks))
-        return np.stack([np.bincount(row, minlength=self.blocks) for row in drawn]).astype(np.float64)
+    def _draws(self) -> tuple[FloatArray, ...]:
+        """How often each block is in each resampled set (draws, blocks), by witness."""
+        rng, found = np.random.default_rng(SEED), []
+        for squares in self._squares(()):
+            drawn = rng.integers(0, len(squares), (DRAWS, len(squares)))
+            found.append(np.stack([np.bincount(row, minlength=len(squares)) for row in drawn]).astype(np.float64))
+        return tuple(found)
 
     @cached_property
     def _needed(self) -> float:
         """Standard errors that are clear."""
-        freedom = self._draws.shape[1] - 1
+        freedom = self.blocks - 1
         return float(scipy.special.stdtrit(freedom, scipy.special.ndtr(CLEAR))) if freedom else math.inf
+
+    def _squares(self, terms: Terms) -> tuple[FloatArray, ...]:
+        """Squared errors (blocks, outputs) by witness."""
+        row, first = self.rows[terms], self.rows[()]
+        if first.validation is None:
+            return (row.errors,)
+        none = FAILED**2 * np.broadcast_to(first.validation.mean(axis=0), first.validation.shape)
+        return row.errors, none if row.validation is None else row.validation
 
     def logs(self, squares: FloatArray) -> FloatArray:
         """Logarithms of root summed squares, by output."""
         return np.asarray(0.5 * np.log(np.maximum(squares, np.maximum(self.least, 1e-300))))
 
+    def witnesses(self, terms: Terms) -> FloatArray:
+        """Logarithm of the error over that of the first model, by witness (left out, validation) and output."""
+        pairs = zip(self._squares(terms), self._squares(()), strict=True)
+        return np.stack([self.logs(own.sum(axis=0)) - self.logs(first.sum(axis=0)) for own, first in pairs])
+
+    def _drawn(self, terms: Terms) -> FloatArray:
+        """:meth:`witnesses` of each resampled set of blocks (witnesses, draws, outputs)."""
+        both = zip(self._draws, self._squares(terms), self._squares(()), strict=True)
+        return np.stack([self.logs(n @ own) - self.logs(n @ first) for n, own, first in both])
+
+    @cached_property
+    def _confirmed(self) -> FloatArray:
+        """Weights (witnesses, outputs): an output that was not read in validation has one witness."""
+        read = np.stack([(squares.sum(axis=0) > 0.0).astype(float) for squares in self._squares(())])
+        read[0] = 1.0
+        return np.asarray(read / read.sum(axis=0))
+
     def by_output(self, terms: Terms) -> FloatArray:
-        """Logarithm of the left-out error, by output."""
-        return self.logs(self.rows[terms].errors.sum(axis=0))
+        """Logarithm of the geometric mean of both witnesses' ratios to the first model, by output."""
+        return np.asarray((self._confirmed * self.witnesses(terms)).sum(axis=0))
 
     def score(self, terms: Terms) -> float:
-        """Sum over outputs of the logarithm of the left-out error: no output outvotes another, whatever its unit."""
+        """Sum of :meth:`by_output`: no output outvotes another, whatever its unit."""
         return float(self.by_output(terms).sum())
+
+    def validated(self, terms: Terms) -> float:
+        """Logarithm of the validation error over that of the first model, over all outputs; 0 without validation."""
+        found = self.witnesses(terms)
+        return float(found[1].sum()) if len(found) > 1 else 0.0
 
     def order(self, terms: Terms) -> tuple[float, int, Terms]:
         """What structures are sorted by, the best first, in whatever order they were found."""
@@ -86,20 +125,25 @@ class Table:
 
     def clear(self, one: Terms, other: Terms) -> bool:
         """Whether one structure predicts clearly better than another: by two standard errors, over resampled blocks."""
-        first, second = (self.logs(self._draws @ self.rows[k].errors).sum(axis=-1) for k in (one, other))
-        error = float(np.std(second - first))
+        drawn = self._confirmed[:, np.newaxis] * (self._drawn(other) - self._drawn(one))
+        error = float(np.std(drawn.sum(axis=(0, 2))))
         return self.score(other) - self.score(one) > self._needed * error and math.isfinite(error)
 
     def material(self, one: Terms, other: Terms, share: float = MATERIAL) -> bool:
-        """Whether one structure is better by so much that it is worth a sentence, and clearly."""
-        return self.share(one, other)[0] <= share and self.clear(one, other)
+        """Whether one structure is better by so much that it is worth a sentence: in an output, clearly, and by each
+        witness."""
+        by_witness = (self.witnesses(one) - self.witnesses(other)).sum(axis=1)
+        falls = bool(np.all(by_witness <= math.log(BOTH)))
+        least = float(np.exp(np.min(self.by_output(one) - self.by_output(other))))
+        return falls and least <= share and self.clear(one, other)
 
     def share(self, one: Terms, other: Terms) -> tuple[float, float, str]:
-        """Error of one structure over that of another in the output where it falls most, its standard error, which."""
-        ratios = self.by_output(one) - self.by_output(other)
-        k = int(np.argmin(ratios))
-        first, second = (self.logs(self._draws @ self.rows[s].errors)[:, k] for s in (one, other))
-        return float(np.exp(ratios[k])), float(np.std(np.exp(first - second))), self.outputs[k]
+        """Left-out error of one structure over that of another in the output whose error falls most by both witnesses,
+        its standard error, and the output."""
+        k = int(np.argmin(self.by_output(one) - self.by_output(other)))
+        ratio = float(np.exp(self.witnesses(one)[0, k] - self.witnesses(other)[0, k]))
+        drawn = self._drawn(one)[0, :, k] - self._drawn(other)[0, :, k]
+        return ratio, float(np.std(np.exp(drawn))), self.outputs[k]
 
     def without(self, terms: Terms, term: str) -> Terms:
         """The best structure within others without one of its terms; the coarser law may stand in its place."""
@@ -127,11 +171,13 @@ class Table:
             "ports": dict(self.ports),
             "refines": dict(self.refines),
             "curves": sorted(self.curves),
+            "readings": self.readings,
             "structures": [
                 {
                     "terms": list(row.terms), "free": row.free, "refitted": row.refitted,
-                    "errors": [[float(f"{e:.5g}") for e in block] for block in row.errors.tolist()],
-                    "unseen": None if row.unseen is None else dict(row.unseen),
+                    "errors": _rounded(row.errors),
+                    "validation": None if row.validation is None else _rounded(row.validation),
+                    "test": dict(row.test),
                 }
                 for row in self.rows.values()
             ],
@@ -139,14 +185,19 @@ class Table:
 
     @classmethod
     def of(cls, found: Mapping[str, Any]) -> Table:
-        """Read what ``structures.json`` holds; of equal terms the better structure counts."""
+        """Read what ``structures.json`` holds."""
         least, curves = np.array(found["least"], dtype=np.float64), frozenset(found["curves"])
         table = cls(tuple(found["outputs"]), least, found["ports"], found["refines"], curves)
+        table.readings = found.get("readings")
         for row in found["structures"]:
             terms, errors = tuple(row["terms"]), np.array(row["errors"], dtype=np.float64)
-            if terms not in table.rows or table.logs(errors.sum(axis=0)).sum() < table.score(terms):
-                table.rows[terms] = Row(terms, errors, row["free"], row.get("refitted", False), row.get("unseen"))
+            confirmed = None if row["validation"] is None else np.array(row["validation"], dtype=np.float64)
+            table.rows[terms] = Row(terms, errors, row["free"], row.get("refitted", False), confirmed, row["test"])
         return table
+
+
+def _rounded(squares: FloatArray) -> list[list[float]]:
+    return [[float(f"{e:.5g}") for e in block] for block in squares.tolist()]
 
 
 def law_of(term: str) -> str:

@@ -10,7 +10,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 from aero_bayes.modelica.causalisation import ExplicitModel
-from aero_bayes.modelica.expression import Builder, Node
+from aero_bayes.modelica.expression import Builder, Node, topological_order
 from aero_bayes.modelica.linear_equations import AlgebraicLoop
 from aero_bayes.modelica.prepared_model import (
     LaneEquations,
@@ -26,6 +26,11 @@ from aero_bayes.modelica.prepared_model import (
     store_function,
 )
 from aero_bayes.modelica.switching_surfaces import SwitchingModel, VariableLayout
+
+#: Operations in linear equations; steps such as ``sign`` have a derivative without symbols too.
+_LINEAR = ("symbol", "add", "sub", "mul", "div", "neg")
+#: Begins a function that the engine looks for in the library.
+_MARK = '__attribute__((visibility("default"))) int'
 
 
 class _Memory:
@@ -76,7 +81,9 @@ def generate(switching: SwitchingModel, layout: VariableLayout, guid: str) -> st
     counts, tables = _counts(m, memory, code), _tables(m, leaves)
     events = m.model.discrete
     if not (events.relations or events.roundings or events.samplings or m.steps or events.assertions):
-        functions.append('__attribute__((visibility("default"))) int ab_eventless(void) { return 1; }')
+        functions.append(f"{_MARK} ab_eventless(void) {{ return 1; }}")
+        if _is_linear(m):
+            functions.append(f"{_MARK} ab_linear(void) {{ return 1; }}")
     found = _in_lanes(m, leaves, kept, counts["time_varying"])
     if found is not None:
         functions.append(found[0])
@@ -103,6 +110,18 @@ def generate(switching: SwitchingModel, layout: VariableLayout, guid: str) -> st
         "};",
     ]
     return "\n".join(lines) + "\n"
+
+
+def _is_linear(m: PreparedModel) -> bool:
+    """Return whether rates and outputs are linear in states and inputs, with parameters as coefficients."""
+    b, rows = m.builder, [*m.rates, *m.outputs]
+    moving, known = frozenset([*m.states, *m.inputs]), frozenset(m.parameters)
+    slopes = (b.derivative(row, s) for row in rows for s in moving & b.symbols(row))
+    return (
+        all(b.symbols(row) <= known | moving for row in rows)
+        and all(n.op in _LINEAR or not b.symbols(n) & moving for n in topological_order(rows, {}))
+        and all(b.symbols(n) <= known for n in slopes)
+    )
 
 
 def _memory_of(m: PreparedModel) -> tuple[_Memory, dict[str, int]]:

@@ -130,11 +130,12 @@ def needed_libraries(model: str, files: Iterable[Path], roots: Sequence[Path]) -
         mentioned |= {"ModelicaServices", "Complex"}
     found = {name: target for name in sorted(mentioned - staged) if (target := _package(name, roots)) is not None}
     if "Modelica" in mentioned - staged and "Modelica" not in found:
-        raise InputError(
+        needs = (
             f"{model}: needs the Modelica Standard Library, which was not found; get it from "
-            "https://github.com/modelica/ModelicaStandardLibrary and name its folder by --library, "
-            "[model] libraries or MODELICAPATH"
+            "https://github.com/modelica/ModelicaStandardLibrary and name its folder by"
         )
+        ways = "--library, [model] libraries or MODELICAPATH"
+        raise InputError(f"{needs} libraries= or MODELICAPATH", f"{needs} {ways}")
     return found
 
 

@@ -140,7 +140,17 @@ def explain(message: str, model: str, root: Path) -> str:
     for path in _likely(model, root):
         text = path.read_text(encoding="utf-8", errors="replace")
         place = f"{path.relative_to(root)}:"
-        if "model algorithm" in message:
+        if "initial algorithm" in message:
+            for token, _ in _sections(text):
+                if text[: token.start].rstrip().endswith("initial"):
+                    what = "an initial algorithm is not read; write its starts as an initial equation"
+                    return f"{place}{line_of(text, token.start)}: {what}"
+        elif "expandable connector" in message:
+            for token in _tokens(text):
+                if token.word == "expandable":
+                    what = "a connection adds no member to an expandable connector; declare its members in it"
+                    return f"{place}{line_of(text, token.start)}: {what}"
+        elif "model algorithm" in message:
             for token, body in _sections(text):
                 if quoted is None or re.search(rf"\b{re.escape(quoted[1])}\s*:=", body):
                     what = "an algorithm section that assigns a variable twice, or has a loop, is not read"
@@ -345,7 +355,8 @@ def _no_such_class(
     if model in known or first in libraries:
         return None
     if not known:
-        return InputError(f"{model}: no such class; name its file by [model] sources or --source")
+        what = f"{model}: no such class; name its file by"
+        return InputError(f"{what} sources=", f"{what} [model] sources or --source")
     place = join_names(list(dict.fromkeys(Path(s).name for s in sources))) or first
     return InputError(f"{model}: no such class in {place}{known_names_hint(model, known)}")
 

@@ -210,7 +210,8 @@ def main_class(source: Path) -> str:
     if not found:
         raise InputError(f"{source}: holds no model")
     names = ", ".join(c.full_name for c in roots or found)
-    raise InputError(f"{source}: say which model by name, on the command line with --model: {names}")
+    what = f"{source}: say which model by"
+    raise InputError(f"{what} its name, with the file as sources=: {names}", f"{what} --model: {names}")
 
 
 def inline_base_classes(known: Sources, file: SourceFile, cls: ClassText) -> tuple[SourceFile, ClassText]:

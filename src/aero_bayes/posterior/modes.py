@@ -188,7 +188,7 @@ class NearestAdjustment(CurvatureAdjustment):
         parts = tuple(fit.spread for fit in fits if fit.spread is not None)
         if len(parts) < len(fits):
             return None
-        return cls(parts[0].centre, parts[0].map, parts, NearestMode.of(fits))
+        return cls(parts[0].centre, parts[0].map, parts[0].prior, parts, NearestMode.of(fits))
 
     def __call__(self, coordinates: FloatArray) -> FloatArray:
         which = self.nearest.of_points(coordinates)

@@ -86,8 +86,8 @@ class Posterior(FittedResult, HasPage):
     True
     >>> posterior.noise["position"].sd > 0, len(posterior.warnings) >= len(posterior.fit.warnings)
     (True, True)
-    >>> posterior.predictor is posterior.fit.predictor
-    True
+    >>> posterior.predictor is posterior.fit.predictor, posterior.verdict.endswith(posterior.fit.verdict)
+    (True, True)
     >>> posterior.calibration is fit.calibration, posterior.to_dict()["mcmc"]["ensembles"]
     (True, 4)
     >>> posterior.save(Path("posterior.nc")).name
@@ -168,6 +168,7 @@ class Posterior(FittedResult, HasPage):
             return replace(estimate, value=q50, status=status, sd=None, q05=None, q50=None, q95=None, note=note)
         # Between two modes the median is a value that fits nothing: the reported one stays.
         value, note = (estimate.value, "the interval is that of all answers") if self.fit.modes else (q50, "")
+        note = "; ".join(filter(None, (note, self.fit.identifiability.with_held.get(item.name, ""))))
         return replace(estimate, value=value, status=status, sd=float(np.std(x)), q05=q05, q50=q50, q95=q95, note=note)
 
     @property
@@ -229,6 +230,12 @@ class Posterior(FittedResult, HasPage):
             data = make(groups, coords=coords, dims=dims) if new else make(**groups, coords=coords, dims=dims)
             data.attrs.update({"converged": int(self.converged), "reason": self.reason, "seed": self.seed})
             return data
+
+    @property
+    def verdict(self) -> str:
+        """Whether the model explains the recordings, in a line; first of all, whether the sampling has converged."""
+        unfinished = "" if self.converged else f"The sampling has not converged: {self.reason}. "
+        return f"{unfinished}{self.fit.verdict}"
 
     @property
     def predictor(self) -> FittedPredictor:
@@ -293,7 +300,7 @@ class Posterior(FittedResult, HasPage):
 
     def _repr_html_(self) -> str:
         caption = f"{self.calibration.model.name}: R-hat {self.r_hat_max:.4f}, ESS {self.ess_bulk_min:.0f}"
-        return estimates_html(self.parameters, caption, self.warnings)
+        return estimates_html(self.parameters, caption, (self.verdict, *self.fit.warnings))
 
     def __repr__(self) -> str:
         state = "converged" if self.converged else f"not converged ({self.reason})"

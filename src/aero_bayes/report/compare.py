@@ -82,11 +82,9 @@ def _estimate(found: ParameterJson | None) -> Markup | str:
     if found is None:
         return NO_VALUE
     shown, sure = parameter_quantity(found)
-    power = shown.unit.partition(" ")[0] if shown.unit.startswith("×") else ""
-    value = f"{shown.value} {power}".strip()
     if not sure:
-        return Markup("{} {}").format(value, status_pill(found.status or ""))
-    return Markup("{}<small>{} … {}</small>").format(value, shown.low, shown.high)
+        return Markup("{} {}").format(shown.value, status_pill(found.status or ""))
+    return Markup("{}<small>{} … {}</small>").format(shown.value, shown.low, shown.high)
 
 
 def _apart(entries: Sequence[ParameterJson]) -> str:

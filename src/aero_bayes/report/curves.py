@@ -203,7 +203,8 @@ def stretch_words(run: RunDirectory, scene: Scene) -> str:
 
 def role_of(run: RunDirectory, recording: str) -> str:
     """Return how a recording was used, for its heading."""
-    unseen = run.unseen(recording)
-    if unseen is not None and unseen != run.span(recording):
-        return f"fitted up to {unseen[0]:.6g} s"
-    return role_words(run.result.role(recording))
+    parts = [p for p in (run.result.loop.parts if run.result.loop else ()) if p.recording == recording]
+    if len(parts) < 2:
+        return role_words(parts[0].role if parts else run.result.role(recording))
+    told = [f"{role_words(p.role)} up to {p.end:.6g} s" for p in parts if p.end is not None]
+    return f"{', '.join(told)}, then {role_words(parts[-1].role)}"

@@ -322,9 +322,11 @@ def data_table(panels: Sequence[Panel], x_label: str, alt: str) -> Markup:
     for panel, layer in shown:
         words = f"{layer.label}, RMS" if isinstance(layer, Line) and layer.rms else layer.label
         heads.append(f"{panel.title}: {words}")
+    edges = np.linspace(*limits_of_x(panels), _STRETCHES + 1)
+    edges[np.abs(edges) < 1e-9 * np.ptp(edges)] = 0.0  # the middle of an even range is there but for rounding
     rows = [
         (f"{tidy(first)} … {tidy(last)}", *(_cell(layer, first, last) for _, layer in shown))
-        for first, last in pairwise(np.linspace(*limits_of_x(panels), _STRETCHES + 1).tolist())
+        for first, last in pairwise(edges.tolist())
     ]
     return html_table(heads, rows, alt)
 

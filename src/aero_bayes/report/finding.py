@@ -7,14 +7,14 @@ from dataclasses import dataclass
 
 from markupsafe import Markup
 
-from aero_bayes.loop.sentences import claimed, cross_validated, growing, in_words
+from aero_bayes.loop.sentences import beside, claimed, cross_validated, growing, in_words, places, told_first
 from aero_bayes.loop.sentences import place as where
 from aero_bayes.report import words
 from aero_bayes.report.drawing import Plate
 from aero_bayes.report.loop_figures import changed_equations, curve_plate
 from aero_bayes.report.schema_run import EffectJson, LoopJson, RecordingErrorJson, RunJson
 from aero_bayes.report.tables import generic_cell, html_table
-from aero_bayes.report.text import count, duration, role_words, signed, symbol, tidy
+from aero_bayes.report.text import count, duration, role_words, symbol, tidy
 
 #: Outputs whose bars are drawn, those whose error falls most; the table of errors has all.
 MOST_BARS = 3
@@ -46,7 +46,7 @@ def finding(result: RunJson) -> Finding | None:
     frame = Markup('<pre tabindex="0" role="region" aria-label="Equations with the added term">{}</pre>')
     missing = [*named, frame.format(equations) if equations else "", *map(words.values, effects)]
     bars = [_bars(result, error) for error in _shown(loop)]
-    known = [*bars, *(cross_validated(e, name or e.id) for e in effects)]
+    known = [*bars, *(cross_validated(e, name or e.id, beside(effects, e)) for e in effects)]
     known += [f"{text[:1].upper()}{text[1:]}." for text in (growing(loop.errors, units) if effects else [])]
     sure = [claimed(e, name or e.id, "those listed below") for e in effects]
     sure += [words.limit(one) for one in loop.limits[:MOST_LIMITS]] if loop.outcome == "adequate" else []
@@ -62,7 +62,8 @@ def _named(effect: EffectJson) -> Markup:
     what = in_words(effect) or (f"a curve over {effect.over}" if effect.over else "")
     what = f"perhaps {what}" if effect.claim in ("place", "one of") and what else what
     line = Markup('<p class="named">{} {} <code>{}</code></p>')
-    return line.format(what[:1].upper() + what[1:], place(effect), effect.id)
+    acts = places(effect) if effect.claim == "mechanism" else place(effect)
+    return line.format(what[:1].upper() + what[1:], acts, effect.id)
 
 
 def place(effect: EffectJson) -> str:
@@ -72,7 +73,7 @@ def place(effect: EffectJson) -> str:
 
 def _shown(loop: LoopJson) -> list[RecordingErrorJson]:
     """Return the errors to draw: those that an effect changes or that are not noise, those that fall most first."""
-    errors = words.judged(loop, "test") or words.judged(loop, "train")
+    errors = told_first(loop.errors)
     ranked = sorted(errors, key=lambda e: (e.after or 0.0) / e.before if e.before else 1.0)
     told = [e for e in ranked if e.verdict != "noise" or (e.before and abs((e.after or 0.0) / e.before - 1.0) > 0.05)]
     return (told or ranked)[:MOST_BARS]
@@ -100,14 +101,14 @@ def rivals_table(effect: EffectJson) -> Markup:
         (Markup("<code>{}</code>").format(other.id), _more(other.error_ratio))
         for other in effect.alternatives if other.id != effect.id
     ]  # fmt: skip
-    caption = f"{'Other forms of' if effect.claim == 'law' else 'Not told from'} {effect.id}"
-    return html_table(("effect", "left-out error"), rows, caption)
+    caption = f"{'The same law in other forms:' if effect.claim == 'law' else 'Not told from'} {effect.id}"
+    return html_table(("effect", "error, left out and validation"), rows, caption)
 
 
 def _more(ratio: float | None) -> str:
     """Return how much larger an error is; the same where less than half a per cent."""
     change = 0.0 if ratio is None else 100.0 * (ratio - 1.0)
-    return f"{signed(change, 0)}\u00a0%" if abs(change) >= 0.5 else "the same"
+    return f"{abs(change):.0f}\u00a0% {'larger' if change > 0.0 else 'smaller'}" if abs(change) >= 0.5 else "the same"
 
 
 def warnings(result: RunJson) -> list[str]:

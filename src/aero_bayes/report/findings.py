@@ -40,7 +40,7 @@ def errors_table(result: RunJson) -> Markup:
         )
         rows.append((
             Markup("{}<small>{}</small>").format(name, role_words(error.role)), symbol(error.output),
-            *(significant(x) for x in sizes), noise, pretty_unit(result.unit(error.output)), significant(error.ratio),
+            *(significant(x) for x in sizes), noise, pretty_unit(result.unit(error.output)), _beside_noise(error),
             ratio_glyph(ratios[0] if both else None, ratios[-1]), probability(error.p_value),
             status_pill(error.verdict),
         ))  # fmt: skip
@@ -51,6 +51,11 @@ def errors_table(result: RunJson) -> Markup:
         "what is left",
     )  # fmt: skip
     return html_table(columns, rows, "RMS error of each recording")
+
+
+def _beside_noise(error: RecordingErrorJson) -> str:
+    """Return an error over the noise; of what was fitted, the error itself would stand for one that is not known."""
+    return significant(error.ratio) if error.noise_known or error.role == "test" else "its floor is not known"
 
 
 def errors_of(result: RunJson) -> list[RecordingErrorJson]:

@@ -92,7 +92,6 @@ def _own_value(entry: Mapping[str, Any] | None) -> Markup | str:
 def _range(values: RangeJson, unit: str, factor: float = 1.0) -> Markup | str:
     if values.q50 is None or values.q05 is None or values.q95 is None:
         return NO_VALUE
-    shown = rounded_value(factor * values.q50, factor * values.q05, factor * values.q95, unit)
-    power = shown.unit.partition(" ")[0] if shown.unit.startswith("×") else ""
+    shown = rounded_value(factor * values.q50, factor * values.q05, factor * values.q95, unit).apart
     sign = " %" if unit == "%" else ""
-    return Markup("{}{}{}<small>{} … {}</small>").format(shown.value, sign, power, shown.low, shown.high)
+    return Markup("{}{}<small>{} … {}</small>").format(shown.value, sign, shown.low, shown.high)

@@ -10,7 +10,7 @@ from functools import cache, singledispatch
 from importlib.resources import files
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, Literal, cast
+from typing import Any, cast
 
 import matplotlib
 import numpy as np
@@ -22,6 +22,7 @@ from matplotlib.patches import Patch
 
 from aero_bayes.arrays import FloatArray
 from aero_bayes.data.recording import Recording
+from aero_bayes.data.split import Role
 from aero_bayes.errors import InputError
 from aero_bayes.estimate.prediction import RecordingPrediction
 from aero_bayes.estimate.result import Fit
@@ -201,9 +202,6 @@ def _line(axes: Axes, layer: Line, colour: str) -> None:
     axes.plot(layer.x, layer.y, color=colour, linewidth=width, drawstyle=style, linestyle="--" if layer.dashes else "-")
 
 
-Role = Literal["train", "test"]
-
-
 def view(
     recordings: Sequence[tuple[Recording, Role]],
     series: Mapping[str, FloatArray],
@@ -252,14 +250,9 @@ def _(loop: LoopResult) -> RunDirectory:
     given = loop.recordings
     if given is None:
         raise InputError("this loop's result carries no recordings to be drawn over")
-    settings: dict[str, object] = {}
-    for recording in given.train:
-        if recording.name in given.unseen_from:
-            held = 1.0 - (given.unseen_from[recording.name] - recording.time[0]) / recording.duration
-            settings = {"loop": {"held_out": float(held)}}
     roles: list[tuple[Recording, Role]] = [(r, "train") for r in given.train]
-    roles += [(r, "test") for r in given.test]
-    told = {"command": "close-loop", "loop": loop_json(loop), "settings": settings, "words": dict(loop.words)}
+    roles += [(r, "validation") for r in given.validation] + [(r, "test") for r in given.test]
+    told = {"command": "close-loop", "loop": loop_json(loop), "words": dict(loop.words)}
     return view(roles, loop_series(loop), loop.plain, **told)
 
 

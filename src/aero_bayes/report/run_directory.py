@@ -6,15 +6,22 @@ import json
 import zipfile
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 from pydantic import ValidationError
 
+from aero_bayes.arguments import paths_of
 from aero_bayes.arrays import FloatArray
+from aero_bayes.data.recording import Recording
 from aero_bayes.display import table_html
 from aero_bayes.errors import InputError
+from aero_bayes.estimate.prediction import RecordingPrediction
+from aero_bayes.estimate.simulate import simulate
+from aero_bayes.estimate.stored_fit import StoredFit, stored
 from aero_bayes.figures import HasPage, describe_figure_parameters, drawn
 from aero_bayes.report.schema_run import SCHEMA, RunJson
 
@@ -48,7 +55,7 @@ class RunDirectory(HasPage):
     >>> aero_bayes.RunDirectory.read("out/loop").recordings()
     ('train', 'test')
     >>> run.span("test"), run.unseen("test"), run.unseen("train")
-    ((0.0, 40.0), (0.0, 40.0), None)
+    ((0.0, 40.0), (20.0, 40.0), None)
     >>> list(run.signals("fitted", "test")), run.time("test").shape
     (['position'], (2001,))
     >>> run.check("measured/test/position", "test")  # as long as its times
@@ -68,8 +75,75 @@ class RunDirectory(HasPage):
         InputError
             No ``result.json`` there, or one of the files is damaged.
         """
-        path = Path(directory)
+        (path,) = paths_of(directory, "directory")
         return cls(path, _read_result(path), _read_series(path / "series.npz"), _read_posterior(path / "posterior.nc"))
+
+    def predict(
+        self,
+        inputs: Recording | Mapping[str, ArrayLike],
+        *,
+        draws: int = 200,
+        seed: int = 1,
+        workers: int | None = 0,
+    ) -> RecordingPrediction:
+        """Predict readings with a 90 % band, as the fit of the run does, or its posterior where there is one.
+
+        Parameters
+        ----------
+        inputs, draws, seed, workers
+            As for :meth:`Fit.predict`.
+
+        Returns
+        -------
+        RecordingPrediction
+
+        Raises
+        ------
+        InputError
+            If the run left no model that can be run.
+
+        Examples
+        --------
+        >>> run.predict(test, draws=20).to_frame().shape == (test.rows, 3)
+        True
+        """
+        points = self._fit.points(draws, seed, self.posterior)
+        return self._fit.predictor.predict(points, inputs, seed=seed, workers=workers)
+
+    def simulate(
+        self,
+        inputs: Recording | Mapping[str, ArrayLike],
+        *,
+        parameters: Mapping[str, float] | None = None,
+        start: Mapping[str, float] | None = None,
+    ) -> Recording:
+        """Run the fitted model on other inputs, as :meth:`Fit.simulate` does.
+
+        Parameters
+        ----------
+        inputs, parameters, start
+            As for :meth:`Fit.simulate`.
+
+        Returns
+        -------
+        Recording
+
+        Raises
+        ------
+        InputError
+            If the run left no model that can be run.
+
+        Examples
+        --------
+        >>> list(run.simulate(test, parameters={"k": 100.0}).outputs)
+        ['position']
+        """
+        p = self._fit.predictor
+        return simulate(p.calibration, p.values, inputs, parameters=parameters, start=start, engine=p.engine)
+
+    @cached_property
+    def _fit(self) -> StoredFit:
+        return stored(self.path)
 
     def to_arviz(self) -> Any:
         """Return the draws as ArviZ opens them from ``posterior.nc``: InferenceData, from ArviZ 1.0 on a DataTree.
@@ -161,16 +235,16 @@ class RunDirectory(HasPage):
         return float(time[0]), float(time[-1])
 
     def unseen(self, recording: str) -> tuple[float, float] | None:
-        """Return the stretch of a recording that was not fitted but judged on, in s; None if there is none."""
-        if self.result.role(recording) == "test":
-            return self.span(recording)
-        section = self.result.settings.get("loop")
-        held_out = section.get("held_out") if isinstance(section, dict) else None
-        apart = any(row.role == "test" for row in self.result.recordings)
-        if self.result.command != "close-loop" or apart or not isinstance(held_out, float):
-            return None
+        """Return the stretch of a recording that is judged on, in s: its test part, or what validates; None if it has
+        none."""
         first, last = self.span(recording)
-        return first + (1.0 - held_out) * (last - first), last
+        parts = [p for p in (self.result.loop.parts if self.result.loop else ()) if p.recording == recording]
+        for role in ("test", "validation"):
+            for part in parts:
+                if part.role == role:
+                    begin, end = (x if x is not None else edge for x, edge in ((part.begin, first), (part.end, last)))
+                    return begin, end
+        return (first, last) if not parts and self.result.role(recording) in ("test", "validation") else None
 
     def signals(self, group: str, recording: str) -> dict[str, FloatArray]:
         """Return signals of a ``group`` (``measured``, ``fitted``, ...) of a ``recording`` by name, each of shape (n,).

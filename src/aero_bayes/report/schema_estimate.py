@@ -61,7 +61,7 @@ class RecordingJson(JsonTable):
     """A recording as it was used; ``noise_floor`` and ``rms`` by output."""
 
     name: str
-    role: Literal["train", "test"]
+    role: Literal["train", "validation", "test"]
     rows: int
     rate_hz: float
     duration_s: float

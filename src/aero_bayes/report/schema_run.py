@@ -56,7 +56,7 @@ class LimitJson(JsonTable):
 
 
 class EffectJson(JsonTable):
-    """An effect; ``id`` is ``law@port``, ``value@parameter`` or an id of a library.
+    """An effect; ``id`` is ``law@port``, ``value@parameter``, ``start@state`` or an id of a library.
 
     ``share`` is the error on left-out readings with it over that without it, in the output ``share_of``; ``claim`` what
     is known of it; ``looks_like`` the law that comes near a curve."""
@@ -68,7 +68,7 @@ class EffectJson(JsonTable):
     share: JsonNumber = None
     share_sd: JsonNumber = None
     share_of: str = ""
-    claim: Literal["law", "place", "one of"] | None = None
+    claim: Literal["law", "place", "mechanism", "one of"] | None = None
     alternatives: list[AlternativeJson] = []
     modelica: str = ""
     summary: str = ""
@@ -76,6 +76,7 @@ class EffectJson(JsonTable):
     over: str = ""
     looks_like: str = ""
     curve: CurveJson | None = None
+    tried_all: bool = True
 
 
 class CandidateJson(JsonTable):
@@ -112,13 +113,13 @@ RmsByRole = dict[str, dict[str, JsonNumber]]
 
 
 class RecordingErrorJson(JsonTable):
-    """RMS error of an output in one recording, or in the part of it that begins at ``begin`` (s), before and after.
+    """RMS error of an output in one recording, or in the part of it from ``begin`` to ``end`` (s), before and after.
 
     ``noise`` is that of the recording, or of the fit where ``noise_known`` is false; ``verdict`` is of the model that
     came out."""
 
     recording: str
-    role: Literal["train", "test"]
+    role: Literal["train", "validation", "test"]
     output: str
     before: JsonNumber = None
     after: JsonNumber
@@ -128,12 +129,23 @@ class RecordingErrorJson(JsonTable):
     p_value: JsonNumber = None
     verdict: Literal["noise", "structured", "too large"]
     begin: JsonNumber = None
+    end: JsonNumber = None
+
+
+class PartJson(JsonTable):
+    """Readings of a recording in one role, from ``begin`` (s) on and before ``end``."""
+
+    recording: str
+    role: Literal["train", "validation", "test"]
+    begin: JsonNumber = None
+    end: JsonNumber = None
 
 
 class LoopJson(JsonTable):
-    """The closed loop; ``before``, ``after`` and their like are by role (train, test) and output.
+    """The closed loop; ``before``, ``after`` and their like are by role (train, validation, test) and output.
 
-    ``blocks`` of readings were left out in turn; ``refused`` are models that unseen recordings refused."""
+    ``blocks`` of readings give standard errors; ``refused`` are models that explain training readings better and
+    predict validation readings worse."""
 
     outcome: Literal["adequate", "extended", "unexplained"]
     sentence: str = ""
@@ -142,6 +154,7 @@ class LoopJson(JsonTable):
     effects: list[EffectJson] = []
     equivalent: list[list[str]] = []
     limits: list[LimitJson] = []
+    parts: list[PartJson] = []
     errors: list[RecordingErrorJson] = []
     diagnosis_before: list[DiagnosisJson] = []
     refused: list[list[str]] = []
@@ -325,7 +338,7 @@ class RunJson(JsonTable):
         return self.signals[signal].description if signal in self.signals else ""
 
     def role(self, recording: str) -> str:
-        """Return ``train`` or ``test``; empty for a recording that the run does not know."""
+        """Return ``train``, ``validation`` or ``test``; empty for a recording that the run does not know."""
         return next((row.role for row in self.recordings if row.name == recording), "")
 
     def noise_floor(self, recording: str, output: str) -> float | None:

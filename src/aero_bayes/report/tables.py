@@ -22,7 +22,7 @@ from aero_bayes.report.text import (
 
 _STATUS_WORDS = {
     "identified": "the data determine it",
-    "weak": "the data add little to the prior",
+    "weak": "the data add little to the prior, or show it only together with another value",
     "unidentified": "the data do not determine it",
     "fixed": "not fitted",
     "at_bound": "the best value lies on a bound of its range",
@@ -113,7 +113,7 @@ def parameter_quantity(stated: QuantilesJson) -> tuple[RoundedValue, bool]:
     sure = status not in {"unidentified", "fixed", "at_bound"} and low is not None and high is not None
     if not sure:
         low = high = None
-    return rounded_value(stated.value, low, high, stated.unit), sure
+    return rounded_value(stated.value, low, high, stated.unit).apart, sure
 
 
 def status_pill(status: str) -> Markup:

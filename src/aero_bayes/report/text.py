@@ -77,6 +77,13 @@ class RoundedValue:
     high: str
     unit: str
 
+    @property
+    def apart(self) -> RoundedValue:
+        """The numbers with the power of ten at each, where unit and number stand apart."""
+        power, _, unit = self.unit.partition(" ") if self.unit.startswith("×") else ("", "", self.unit)
+        value, low, high = (x if x == NO_VALUE else x + power for x in (self.value, self.low, self.high))
+        return RoundedValue(value, low, high, unit)
+
 
 def rounded_value(
     value: float | None, low: float | None, high: float | None, unit: str, digits: int = 2
@@ -151,7 +158,7 @@ def symbol(name: str) -> Markup:
 
 def role_words(role: str) -> str:
     """Return a recording's role as a person says it."""
-    return {"train": "training", "test": "unseen"}.get(role, role)
+    return {"train": "training"}.get(role, role)
 
 
 def signal_title(name: str, unit: str, meaning: str = "") -> str:

@@ -8,8 +8,9 @@ from __future__ import annotations
 from aero_bayes.display import join_names
 from aero_bayes.loop.sentences import lacking, left_over
 from aero_bayes.report.schema_estimate import DiagnosisJson, VerdictJson
-from aero_bayes.report.schema_run import EffectJson, LimitJson, LoopJson, RecordingErrorJson, RunJson
-from aero_bayes.report.text import pretty_unit, rounded_value, significant
+from aero_bayes.report.schema_run import EffectJson, LimitJson, LoopJson, RunJson
+from aero_bayes.report.tables import parameter_quantity
+from aero_bayes.report.text import pretty_unit, significant
 
 LEVELS = {"good": "Good", "warning": "Caution", "bad": "Do not use"}
 #: Paragraphs of the page, by section.
@@ -56,24 +57,14 @@ def title(result: RunJson, otherwise: str) -> str:
 
 
 def values(effect: EffectJson) -> str:
-    """Return the values of an effect's parameters, each with half its 90 % interval."""
+    """Return the values of an effect's parameters, each with its 90 % interval as the table of parameters has it."""
+    found = [(name, stated, *parameter_quantity(stated)) for name, stated in effect.parameters.items()]
     texts = []
-    for name, stated in effect.parameters.items():
-        shown = rounded_value(stated.value, stated.q05, stated.q95, stated.unit)
-        power, _, unit = shown.unit.partition(" ") if shown.unit.startswith("×") else ("", "", shown.unit)
-        half = ""
-        if stated.q05 is not None and stated.q95 is not None:
-            half = f" ± {half_width(shown.low, shown.high)}"
-        sized = f"({shown.value}{half})\u202f{power}" if power and half else f"{shown.value}{half}{power}"
-        texts.append(f"`{name}` = {sized}\u00a0{unit}".strip())
-    ends = any(stated.q05 is not None for stated in effect.parameters.values())
-    return ", ".join(texts) + (" (90\u00a0% interval)" if ends else "")
-
-
-def half_width(low: str, high: str) -> str:
-    """Return half the width of an interval, with the digits in which its ends are written."""
-    first, last = (float(end.replace("\u2212", "-")) for end in (low, high))
-    return f"{0.5 * (last - first):.{len(high.partition('.')[2])}f}"
+    for name, stated, shown, sure in found:
+        interval = f" ({shown.low} to {shown.high})" if sure else ""
+        bound = ", on a bound" if stated.status == "at_bound" else ""
+        texts.append(f"`{name}` = {shown.value}{interval}\u00a0{shown.unit}".strip() + bound)
+    return ", ".join(texts) + ("; 90\u00a0% intervals" if any(sure for *_, sure in found) else "")
 
 
 def size(value: float | None, unit: str) -> str:
@@ -85,11 +76,6 @@ def limit(found: LimitJson) -> str:
     """Say from which size on a law would have been named."""
     least = f"`{found.parameter}` = {size(found.smallest, found.unit)}"
     return f"`{found.law}` at `{found.port}` would have been found from {least} on."
-
-
-def judged(loop: LoopJson, role: str) -> list[RecordingErrorJson]:
-    """Return the errors on the recordings of a role."""
-    return [error for error in loop.errors if error.role == role]
 
 
 def verdict(result: RunJson) -> VerdictJson:
@@ -106,8 +92,8 @@ def short_verdict(result: RunJson) -> str:
     loop = result.loop
     if loop is None or not (loop.effects and loop.errors) or (result.mcmc is not None and not result.mcmc.converged):
         return (result.verdict or verdict(result)).text
-    unseen = bool(judged(loop, "test"))
-    where = "each recording, fitted or not" if unseen else "what was fitted; the rest is too short to judge"
+    other = any(error.role != "train" for error in loop.errors)
+    where = "each recording, fitted or not" if other else "what was fitted; the rest is too short to judge"
     left = [*left_over(loop.errors), *result.identifiability.flat] or [f"With it only noise is left in {where}."]
     return " ".join([*left, *loop.notes])
 

@@ -6,12 +6,14 @@ import os
 import pickle
 import warnings
 from collections.abc import Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
 
 from aero_bayes.arrays import FloatArray
 from aero_bayes.errors import InputError
+from aero_bayes.simulation.averages import AveragingSimulator
 from aero_bayes.simulation.batches import Batches
 from aero_bayes.simulation.cosimulation_runs import CosimulationEngine
 from aero_bayes.simulation.function_model import FunctionModel, FunctionSimulator
@@ -160,6 +162,8 @@ def open_simulator(
     problem: Problem, engine: Engine = "native", workers: int | None = None, pool: WorkerPool | None = None
 ) -> Simulator:
     """Open a simulator for a problem."""
+    if any(set(e.windows) & set(e.outputs) for e in problem.experiments):
+        return AveragingSimulator(problem, partial(open_simulator, engine=engine, workers=workers, pool=pool))
     if problem.process is not None and (engine != "native" or problem.model.interface != "model exchange"):
         raise InputError(f"{problem.model.path}: process noise needs the native engine and an FMU with Model Exchange")
     if isinstance(problem.model, FunctionModel):

@@ -8,16 +8,20 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from xml.etree import ElementTree
-from xml.etree.ElementTree import Element
+from xml.etree.ElementTree import Element, SubElement
 
 from aero_bayes.errors import InputError
 from aero_bayes.simulation.model_description import (
     OWN_EXPORTER,
+    DescribedOperator,
     Kind,
     ModelDescription,
     Variable,
     outputs_named_by_states,
 )
+
+#: Where our own FMUs list laws that act on the signals of inputs.
+_OPERATORS = "VendorAnnotations/Tool[@name='aero-bayes']/Operator"
 
 
 class _DoctypeError(Exception):
@@ -308,4 +312,17 @@ def _description(path: Path, root: Element, interface: Element, three: bool) -> 
         interpolates_inputs=not exchange and is_true(interface, "canInterpolateInputs"),
         step_size=step_size(root, interface),
         execution_tool=root.get("generationTool", "its tool") if is_true(interface, "needsExecutionTool") else "",
+        operators=tuple(
+            DescribedOperator(o.get("input", ""), tuple(o.get("parameters", "").split()))
+            for o in root.iterfind(_OPERATORS)
+        ),
     )
+
+
+def add_operators(root: Element, operators: Sequence[DescribedOperator]) -> None:
+    """Add operators on inputs to a description, where other tools look past them."""
+    if not operators:
+        return
+    tool = SubElement(SubElement(root, "VendorAnnotations"), "Tool", name="aero-bayes")
+    for o in operators:
+        SubElement(tool, "Operator", input=o.input, parameters=" ".join(o.parameters))

@@ -122,7 +122,8 @@ class Experiment:
     """One run: when outputs are sampled, what drives the model, where it starts, and what was measured.
 
     ``known`` are parameters of the model that have this value in this run. ``most_steps`` ends a run that needs more
-    steps of the solver; 0 for no limit of its own."""
+    steps of the solver; 0 for no limit of its own. ``windows`` has, by output that is read as a mean, where
+    the interval of each reading begins and ends (n, 2), in s."""
 
     time: FloatArray
     outputs: tuple[str, ...]
@@ -134,6 +135,7 @@ class Experiment:
     most_steps: int = 0
     known: Mapping[str, float] = field(default_factory=dict)
     recorded_interval: float = 0.0
+    windows: Mapping[str, FloatArray] = field(default_factory=dict)
 
     @property
     def interval(self) -> float:
@@ -144,7 +146,10 @@ class Experiment:
         """Return the experiment at some of its sample times, with what was measured there."""
         measured, spread = (None if a is None else a[chosen] for a in (self.measured, self.spread))
         time = np.ascontiguousarray(self.time[chosen])
-        return replace(self, time=time, measured=measured, spread=spread, recorded_interval=self.interval)
+        windows = {output: own[chosen] for output, own in self.windows.items()}
+        return replace(
+            self, time=time, measured=measured, spread=spread, recorded_interval=self.interval, windows=windows
+        )
 
 
 @dataclass(frozen=True)

@@ -124,6 +124,8 @@ class Model(ModelDescription):
         Communication step in s that the FMU proposes (``stepSize`` of its default experiment).
     execution_tool : str
         What has to be installed for the FMU to run, where it says so (``needsExecutionTool``).
+    operators : tuple of DescribedOperator
+        Laws that act on an input and may be applied to its signal before a run.
     declared : PackageDeclaration
         What the package that it is from declares of its rigs.
     source : ModelicaSource, optional

@@ -49,6 +49,14 @@ OWN_EXPORTER = "aero-bayes"
 
 
 @dataclass(frozen=True)
+class DescribedOperator:
+    """Laws that act on an input and may be applied to its signal beforehand; the parameters that they have."""
+
+    input: str
+    parameters: tuple[str, ...]
+
+
+@dataclass(frozen=True)
 class ModelDescription:
     """An FMU on disk and what its modelDescription.xml says. The fields are those of :class:`Model`."""
 
@@ -74,6 +82,7 @@ class ModelDescription:
     interpolates_inputs: bool = False
     step_size: float | None = None
     execution_tool: str = ""
+    operators: tuple[DescribedOperator, ...] = ()
 
     @property
     def units(self) -> dict[str, str]:

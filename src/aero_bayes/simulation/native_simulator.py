@@ -34,7 +34,7 @@ from aero_bayes.simulation.interface import (
     ProblemTarget,
     Trajectories,
 )
-from aero_bayes.simulation.model_description import ModelDescription
+from aero_bayes.simulation.model_description import DescribedOperator, ModelDescription
 from aero_bayes.simulation.problem_checks import (
     check_active,
     check_noise,
@@ -45,7 +45,7 @@ from aero_bayes.simulation.problem_checks import (
 )
 from aero_bayes.simulation.workers import WorkerPool
 
-_MAGIC = 0x4142535045430009
+_MAGIC = 0x414253504543000A
 _KINDS = {"real": 0, "integer": 1, "boolean": 2, "enumeration": 3}
 
 
@@ -90,7 +90,11 @@ def color_columns(pattern: tuple[tuple[int, ...], ...]) -> list[int]:
 
 
 def _write_experiment(
-    w: _Writer, model: ModelDescription, experiment: Experiment, row: tuple[ProblemTarget | None, ...]
+    w: _Writer,
+    model: ModelDescription,
+    experiment: Experiment,
+    row: tuple[ProblemTarget | None, ...],
+    operators: Sequence[DescribedOperator],
 ) -> None:
     variables = [model.output(name) for name in experiment.outputs]
     references = {state.value_reference: i for i, state in reversed(list(enumerate(model.states)))}
@@ -105,6 +109,7 @@ def _write_experiment(
     for signal in experiment.inputs:
         variable = model.input(signal.name)
         w.integer(variable.value_reference, int(signal.interpolation == "linear"), _KINDS[variable.kind])
+        w.integer(next((k for k, o in enumerate(operators) if o.input == signal.name), -1))
         w.reals(signal.time)
         w.reals(signal.values)
     w.integers([model.state_index(name) for name in experiment.start])
@@ -137,6 +142,17 @@ def _write_process(w: _Writer, problem: Problem) -> None:
         w.reals([process.reading_sd.get(name, 0.0) for name in experiment.outputs])
 
 
+def operators_in_use(problem: Problem) -> tuple[DescribedOperator, ...]:
+    """Return the model's operators on inputs where all of these are recorded, so that they act on the signals.
+
+    Process noise leaves them in the equations: its readings come between."""
+    if problem.process is not None:
+        return ()
+    recorded = set[str].intersection(*({s.name for s in e.inputs} for e in problem.experiments))
+    own = problem.model.operators
+    return own if all(o.input in recorded for o in own) else ()
+
+
 def write_problem(problem: Problem, binary: Path, path: Path) -> None:
     """Write `problem`, whose FMU is unpacked around `binary`, to `path` (by way of a temporary name)."""
     model = problem.model
@@ -167,9 +183,13 @@ def write_problem(problem: Problem, binary: Path, path: Path) -> None:
     w.real(settings.relative_tolerance, settings.absolute_tolerance)
     w.integer(settings.max_steps)
     w.real(settings.time_limit)
+    operators = operators_in_use(problem)
+    w.integer(len(operators))
+    for o in operators:
+        w.integers([model.parameter(name).value_reference for name in o.parameters])
     w.integer(len(problem.targets[0]), len(problem.experiments))
     for experiment, row in zip(problem.experiments, problem.targets, strict=True):
-        _write_experiment(w, model, experiment, row)
+        _write_experiment(w, model, experiment, row, operators)
     _write_process(w, problem)
     partial = path.with_suffix(".part")
     with partial.open("wb") as stream:

@@ -46,7 +46,7 @@ def engine_path() -> Path:
         if (folder / name).is_file():
             return folder / name
     raise CannotFinishError(
-        "the native engine is not compiled: install a C compiler and reinstall the package, or use --engine fmpy"
+        "the native engine is not compiled: install a C compiler and reinstall the package, or use the engine fmpy"
     )
 
 

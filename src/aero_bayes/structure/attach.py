@@ -24,7 +24,17 @@ from aero_bayes.simulation.model_description import Variable
 from aero_bayes.structure.balance import DIFFERENCE, Port
 from aero_bayes.structure.candidates import PlacedLaw
 from aero_bayes.structure.compose import LawModels
-from aero_bayes.structure.coupled_fmu import BASE, INPUT, STATE, AttachedLaw, Coupling, Setting, Source, Terms
+from aero_bayes.structure.coupled_fmu import (
+    BASE,
+    INPUT,
+    STATE,
+    AttachedLaw,
+    Coupling,
+    InputOperator,
+    Setting,
+    Source,
+    Terms,
+)
 from aero_bayes.structure.law import Law
 from aero_bayes.structure.open_ports import OpenModel, effect_block
 
@@ -155,6 +165,9 @@ def attached(base: OpenModel, placed_laws: Sequence[PlacedLaw], blocks: LawBlock
 
 
 class _Attaching:
+    #: What a law at an input acts on.
+    SIGNAL = "u"
+
     def __init__(self, base: OpenModel, placed_laws: Sequence[PlacedLaw], blocks: LawBlocks) -> None:
         self.base, self.blocks = base, blocks
         self.placed = [
@@ -176,8 +189,10 @@ class _Attaching:
         inside: list[Placed] = []
         for placed in self.placed:
             here.get(placed[0].port.attachment, inside).append(placed)
+        operators: dict[str, InputOperator] = {}
         for placed in reversed(here["input"]):
             self._feed(placed)
+            self._note_operator(placed, operators)
             self.acting[self._own_input(placed[0].port)] = ((self._acts(placed), 1.0),)
         waiting = [*here["redeclare"], *reversed(inside)]
         while waiting:
@@ -197,7 +212,19 @@ class _Attaching:
                 outputs.setdefault(name, Source(STATE, k))
         laws = [self._law(placed) for placed in self.placed]
         base = self.base
-        return Coupling(base.model, laws, self.settings, base.inputs, outputs, base.hidden, base.state_names)
+        return Coupling(
+            base.model, laws, self.settings, base.inputs, outputs, base.hidden, base.state_names, [*operators.values()]
+        )
+
+    def _note_operator(self, placed: Placed, operators: dict[str, InputOperator]) -> None:
+        """Note a law without states that acts on a recorded signal alone, or on what such laws make of it."""
+        model, own = self.blocks.model(placed[0]), self._own_input(placed[0].port)
+        k = self.base.inputs.index(own)
+        before = operators[own].laws if own in operators else ()
+        source = self._acts(self.placed[before[-1]]) if before else Source(INPUT, k)
+        reads = [v.name for v in model.inputs] == [self.SIGNAL]
+        if self.acting[own] == ((source, 1.0),) and reads and not (model.states or model.event_indicators):
+            operators[own] = InputOperator((*before, self._part(placed) - 1), k)
 
     def _output_behind(self, signal: str) -> str:
         """Return the output behind the name of a signal: an FMU's output may be no identifier."""

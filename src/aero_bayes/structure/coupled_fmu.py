@@ -18,8 +18,9 @@ import aero_bayes.simulation
 from aero_bayes.errors import InputError
 from aero_bayes.modelica.build import compile_kept, this_machine, write_archive
 from aero_bayes.modelica.embedded import DescribedVariable, add_variables
+from aero_bayes.simulation.fmi_description import add_operators
 from aero_bayes.simulation.model import Model
-from aero_bayes.simulation.model_description import BINARY_FOLDERS, Variable
+from aero_bayes.simulation.model_description import BINARY_FOLDERS, DescribedOperator, Variable
 
 #: In place of a part: the source of a value is an input of the whole, or a state of the base, by its position.
 INPUT, STATE = -2, -1
@@ -34,8 +35,9 @@ _SOURCES = (
 )
 _FLAGS = ("-shared", "-s", "-Wl,--build-id=none", *_COUPLER, "bind.c", "fmi3.c", "-lm", "-ldl")
 _TAGS = {"real": "Real", "integer": "Integer", "boolean": "Boolean"}
-#: What an FMU of our own exporter has whose equations hold without events.
-_EVENTLESS = b"ab_eventless"
+#: Functions that an FMU of our own exporter has whose equations hold without events, or are linear; and that of coupled
+#: ones, whose mark may hold only without operators.
+_EVENTLESS, _LINEAR, _COUPLED = b"ab_eventless", b"ab_linear", b"ab_operators_off"
 
 
 @dataclass(frozen=True)
@@ -73,6 +75,16 @@ class AttachedLaw:
     nominals: Sequence[float] = ()
 
 
+@dataclass(frozen=True)
+class InputOperator:
+    """Laws that act on an input of the whole one after the other and read nothing else, by the positions of all.
+
+    A simulator may apply them to the recorded signal, and leave their equations out."""
+
+    laws: tuple[int, ...]
+    input: int
+
+
 @dataclass(frozen=True, eq=False)
 class Coupling:
     """A base, laws, and what their inputs are set to, in an order in which everything is known when it is needed.
@@ -87,6 +99,7 @@ class Coupling:
     outputs: Mapping[str, Source] = field(default_factory=dict)
     hidden: frozenset[str] = frozenset()
     state_names: Sequence[str] = ()
+    operators: Sequence[InputOperator] = ()
 
 
 def couple(coupling: Coupling, out: Path) -> None:
@@ -99,16 +112,32 @@ def couple(coupling: Coupling, out: Path) -> None:
     table = _Table(coupling)
     parts = _binaries(base, "part0") | {k: v for i, law in enumerate(coupling.laws, 1)
                                         for k, v in _binaries(law.model, f"part{i}").items()}  # fmt: skip
-    libraries = [data for name, data in parts.items() if name.endswith(this_machine().suffix) and "/binaries/" in name]
-    eventless = len(libraries) == len(coupling.laws) + 1 and all(_EVENTLESS in data for data in libraries)
-    flags = (*_FLAGS, "-DEVENTLESS") if eventless else _FLAGS
     members = {
-        f"{BINARY_FOLDERS[2]}/coupled{this_machine().suffix}": compile_kept(_SOURCES, flags, "coupled.so"),
+        f"{BINARY_FOLDERS[2]}/coupled{this_machine().suffix}": compile_kept(
+            _SOURCES, (*_FLAGS, *_form(coupling, parts)), "coupled.so"
+        ),
         "resources/coupling.txt": table.text().encode(),
         **{f"resources/{name}": data for name, data in parts.items()},
     }
     digest = hashlib.sha256(b"".join(members[k] for k in sorted(members))).hexdigest()
     write_archive(out, {"modelDescription.xml": table.description(digest[:32]), **members}, packed=False)
+
+
+def _form(coupling: Coupling, parts: Mapping[str, bytes]) -> Iterator[str]:
+    """Yield flags that say which form the equations have, or those that operators leave.
+
+    Laws without states that act on nothing but an output of the whole have no part in the equations."""
+    of = {int(name[4 : name.index("/")]): data for name, data in parts.items()
+          if name.endswith(this_machine().suffix) and "/binaries/" in name}  # fmt: skip
+    count = len(coupling.laws) + 1
+    if len(of) < count or not all(_EVENTLESS in data for data in of.values()):
+        return
+    yield "-DEVENTLESS"
+    feeding = {source.part for s in coupling.settings for source, _ in s.terms}
+    behind = {k for k, law in enumerate(coupling.laws, 1) if not law.model.states and k not in feeding}
+    bent = {k for k, data in of.items() if _LINEAR not in data or _COUPLED in data} - behind
+    if bent <= {law + 1 for o in coupling.operators for law in o.laws}:
+        yield f"-DLINEAR={2 if bent else 1}"
 
 
 def _binaries(model: Model, folder: str) -> dict[str, bytes]:
@@ -200,6 +229,11 @@ class _Table:
         lines.append(_row(*(int(not s.settable_start) for s in base.states)))
         lines += self.transfers
         lines += [_row(v.slot, len(v.owners), *(x for owner in v.owners for x in owner)) for v in self.shown]
+        chains = [(k, law, o.input) for k, o in enumerate(self.coupling.operators) for law in o.laws]
+        lines.append(_row(len(chains)))
+        for k, law, at in chains:
+            (u,), (y,) = (laws[law].model.inputs, laws[law].model.outputs)
+            lines.append(_row(k, law + 1, at, u.value_reference, y.value_reference))
         return "\n".join(lines) + "\n"
 
     def _shown(self) -> Iterator[_Shown]:
@@ -283,6 +317,11 @@ class _Table:
             group = ET.SubElement(root, "UnitDefinitions")
             for unit in units:
                 ET.SubElement(group, "Unit", name=unit)
+        add_operators(root, [
+            DescribedOperator(self.coupling.inputs[o.input],
+                              tuple(v.name for law in o.laws for v in self.coupling.laws[law].parameters.values()))
+            for o in self.coupling.operators
+        ])  # fmt: skip
         place = {s.name: k for k, s in enumerate(self.shown)}
         add_variables(root, [
             DescribedVariable(

@@ -46,6 +46,15 @@ KEY_MEANINGS = {
 }  # fmt: skip
 
 
+#: What the ids begin with of a value that is held fixed and may be wrong, and of the start of a state: ``value@J_p``.
+VALUE, START = "value@", "start@"
+
+
+def is_held(term: str) -> bool:
+    """Whether a term stands for a value or a start that was held."""
+    return term.startswith((VALUE, START))
+
+
 @dataclass(frozen=True)
 class CandidateFilter:
     """A filter of effects by id, law and port."""
@@ -75,13 +84,15 @@ class CandidateFilter:
             ("require", self.require, [*ids]),
         ):
             for name in names:
-                if name not in known:
+                if name not in known and not is_held(name):
                     close = closest_name(name, known, cutoff=0.0)
                     hint = f"did you mean {close!r}?" if close is not None else "there is none"
-                    raise InputError(f"[loop] {key}: unknown {KEY_MEANINGS[key]} {name!r}; {hint}")
+                    told = f"{key}: unknown {KEY_MEANINGS[key]} {name!r}; {hint}"
+                    raise InputError(told, f"[loop] {told}")
         for name in self.require:
             if name in self.exclude:
-                raise InputError(f"[loop] require and exclude both name {name!r}")
+                told = f"require and exclude both name {name!r}"
+                raise InputError(told, f"[loop] {told}")
 
 
 #: A law in place of a replaceable model brings its own connections. A learned curve is ``y`` over ``x``, and its
@@ -233,8 +244,8 @@ class LawPlaces:
         """Keep the candidates that the filter accepts. Raises InputError if there is none."""
         kept = [c for c in found if self.candidate_filter.accepts(c.id, c.law.id, self.port_name(c.port))]
         if not kept:
-            left = "[loop] effects, exclude, ports and laws leave none"
-            raise InputError(f"{self.base}: no law is left to try; {left}")
+            none, left = f"{self.base}: no law is left to try;", "effects, exclude, ports and laws leave none"
+            raise InputError(f"{none} {left}", f"{none} [loop] {left}")
         return kept
 
     def port_name(self, port: Port) -> str:

@@ -65,8 +65,9 @@ from aero_bayes.structure.write_model import WrittenModel, write_laws
 
 OpenSimulator = Callable[[Problem], Simulator]
 
-#: Prior standard deviation of the magnitude of an effect, in nominal values.
-MAGNITUDE_PRIOR_FACTOR = 3.0
+#: Prior standard deviation of the magnitude of a law, in nominal values, which come from a first model that may be far
+#: off (a growing culture has 50 of them); and of the heights of a curve, which is held small.
+MAGNITUDE_PRIOR_FACTOR, CURVE_PRIOR_FACTOR = 100.0, 3.0
 
 
 #: Starting points of the parameters of a candidate.
@@ -142,7 +143,8 @@ def fitted_parameters(placed: PlacedLaw) -> list[Parameter]:
         low, high = limits.get("min", -1e3 * limits["nominal"]), limits.get("max", 1e3 * limits["nominal"])
         name, default = placed.names[p.name], p.value("default", placed.all_nominals)
         positive = low > 0.0
-        prior = LogUniform(low, high) if positive else Normal(0.0, MAGNITUDE_PRIOR_FACTOR * limits["nominal"])
+        factor = CURVE_PRIOR_FACTOR if placed.law.curve_input else MAGNITUDE_PRIOR_FACTOR
+        prior = LogUniform(low, high) if positive else Normal(0.0, factor * limits["nominal"])
         target = DelayTarget(placed.moved_input) if placed.moved_input else ParameterTarget(name)
         one = Parameter(
             name, placed.unit(p), default, low, high, prior, "log" if positive else "linear", placed.about(p), target

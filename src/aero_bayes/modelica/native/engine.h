@@ -17,7 +17,7 @@ typedef struct Run {
     const Problem *problem;
     const Experiment *e;
     Exponential *exponential;
-    int n, nz, ld, sensitive, status, any_linear, any_slope;
+    int n, nz, ld, sensitive, status, form, any_linear, any_slope;
     double t, rtol, atol;
     double *x, *x1, *f, *jac, *nominal, *largest, *slope, *z0, *z1;
     const unsigned *u_reference;
@@ -103,7 +103,7 @@ static double exponential_until(Run *r, double t, double *x, double end) {
     const double span = end - t, least = 1e-12 * fmax(span, fabs(end));
     r->t = t;
     r->rtol = r->atol = r->m->tolerance; /* a nominal value that nobody stated follows the state's size */
-    if (!exponential_ready(r)) return t;
+    exponential_ready(r);
     memcpy(r->x, x, sizeof *x * (size_t)NX);
     if (r->nz && is_error(indicators(r, t, r->x, r->z0))) return t;
     while (end - r->t > least) {

@@ -90,6 +90,7 @@ static int jacobian_less(Run *r, double t, const double *x, const double *a, dou
 static int begin(Run *r, int whole)
 {
     Exponential *k = r->exponential;
+    if (k->carried) return FMI_OK;
     int status = set_point(r, r->t, r->x);
     if (!is_error(status)) status = sensitivity_slopes(r, k->s_slope);
     if (!is_error(status) && whole) status = jacobian_less(r, r->t, r->x, NULL, k->nearness[0]);
@@ -152,18 +153,31 @@ static double correct(Run *r, const StepTable *t, const double *rest)
     return error <= CHANGE ? error : INFINITY;
 }
 
+/* The slopes of a linear model's columns at the end of a step without slopes of inputs. */
+static void carry(Run *r)
+{
+    Exponential *k = r->exponential;
+    double *more = k->s_ramp;
+    for (size_t i = 0; i < width(r); i++) more[i] = r->s1[i] - r->s[i];
+    apply(r, k->s_slope, k->system.a.value, more);
+    for (int i = 0; i < r->n; i++) k->v[i] = k->x[NODES_X - 1][i] - k->x0[i];
+    kernels->apply(k->s_slope, k->system.a.slopes, k->v, r->n, (int)width(r));
+}
+
 /* S at the end of the step that the states have just taken, to r->s1; its error in units of the tolerance. */
 double columns_step(Run *r)
 {
     Exponential *k = r->exponential;
     StepTable *t = k->now;
     const size_t size = width(r);
-    k->bare_columns = k->rounds == ONLY_END && k->linear_columns;
+    k->bare_columns = k->rounds == ONLY_END && (r->form == LINEAR_FORM || k->linear_columns);
     r->status = begin(r, !k->bare_columns);
     if (is_error(r->status)) return NAN;
     linear_columns(r, &t->node[2], k->s_linear[2]);
     if (k->bare_columns) {
         memcpy(r->s1, k->s_linear[2], sizeof *r->s1 * size);
+        k->carried = r->form == LINEAR_FORM && !r->any_linear;
+        if (k->carried) carry(r);
         return 0.0;
     }
     for (int j = 0; j < NODES_X; j++) {

@@ -1,7 +1,8 @@
 /* Where derivatives are missing: initial states by differences of the initialisation, and whole trajectories by internal
  * numerical differentiation (H. G. Bock 1981): the perturbed runs repeat the recorded steps of the base run, so that
  * the adaptivity of the step size adds no noise. Runs with state events cannot repeat the steps; they are done at a
- * hundredth of the tolerance instead. */
+ * hundredth of the tolerance instead. An event that moves over a sample would enter its difference as a jump over the
+ * step: a side counts at a sample only where as many events came before it as in the base run. */
 #include "engine.h"
 
 static double step_of(const Target *t, double value, double relative)
@@ -98,22 +99,43 @@ static int trajectory(Run *r, double *y)
     return run_once(r);
 }
 
+/* How many more state events than in the base run, with its counts in `before`, came before each sample. */
+static void more_events(const Run *r, const int64_t *before, int64_t *more)
+{
+    int64_t k = 0;
+    for (int64_t i = 0; i < r->e->n; i++) {
+        while (k < r->n_events && r->event_times[k] <= r->e->time[i]) k++;
+        more[i] = k - (before ? before[i] : 0);
+    }
+}
+
+typedef struct {
+    const double *outputs;
+    int64_t *events, *high, *low; /* at each sample, and how many more there are on either side */
+} Base;
+
 /* Both sides where both can be run, else the one that can. */
-static int difference(Run *plain, double *trial, int64_t column, double step, const double *base, double *up,
+static int difference(Run *plain, double *trial, int64_t column, double step, const Base *base, double *up,
                       double *down, int64_t size)
 {
+    const int64_t each = size / plain->e->n;
     const double value = trial[column];
     trial[column] = value + step;
     const double above = trial[column] - value;
     const int high = trajectory(plain, up);
+    more_events(plain, base->events, base->high);
     trial[column] = value - step;
     const double below = value - trial[column];
     const int low = trajectory(plain, down);
+    more_events(plain, base->events, base->low);
     trial[column] = value;
     if (high && low) return high;
-    const double *a = high ? base : up, *b = low ? base : down;
-    const double width = (high ? 0.0 : above) + (low ? 0.0 : below);
-    for (int64_t i = 0; i < size; i++) up[i] = (a[i] - b[i]) / width;
+    for (int64_t i = 0; i < size; i++) {
+        const int moved_up = base->high[i / each] != 0, moved_down = base->low[i / each] != 0;
+        const int no_up = high || (moved_up && !moved_down && !low), no_down = low || (moved_down && !moved_up && !high);
+        const double a = no_up ? base->outputs[i] : up[i], b = no_down ? base->outputs[i] : down[i];
+        up[i] = (a - b) / ((no_up ? 0.0 : above) + (no_down ? 0.0 : below));
+    }
     return AB_OK;
 }
 
@@ -154,10 +176,13 @@ int run_differences(Run *r)
     Run *plain = run_open(r->problem, r->e, 0, NULL);
     if (plain) plain->mode = filters(r) ? r->mode : MODE_TRAJECTORY;
     double *base = malloc(sizeof *base * (size_t)size), *down = malloc(sizeof *down * (size_t)size);
+    const int64_t counts = e->n + 1;
+    int64_t *events = calloc((size_t)(3 * counts), sizeof *events);
+    const Base known = {base, events, events + counts, events + 2 * counts};
     double **slopes = calloc((size_t)r->q + 1, sizeof *slopes);
     double *trial = malloc(sizeof *trial * (size_t)(r->problem->p + 1));
     const int ready = plain && (!filters(r) || kalman_open(plain));
-    int outcome = ready && base && down && slopes && trial ? AB_OK : AB_SOLVER_FAILED;
+    int outcome = ready && base && down && events && slopes && trial ? AB_OK : AB_SOLVER_FAILED;
     double relative = 1e-5;
     if (!outcome) {
         memcpy(trial, r->values, sizeof *trial * (size_t)r->problem->p);
@@ -172,8 +197,9 @@ int run_differences(Run *r)
             plain->replay = 0;
             plain->rtol *= 0.01;
             plain->atol *= 0.01;
-            relative = 1e-3;
+            relative = 1e-4;
             outcome = trajectory(plain, base);
+            more_events(plain, NULL, events);
         }
     }
     for (int j = 0; j < r->q && !outcome; j++) {
@@ -182,10 +208,10 @@ int run_differences(Run *r)
         if (!slopes[j]) outcome = AB_SOLVER_FAILED;
         if (outcome || e->targets[column].kind == TARGET_NONE) continue;
         const double step = step_of(&e->targets[column], trial[column], relative);
-        outcome = difference(plain, trial, column, step, base, slopes[j], down, size);
+        outcome = difference(plain, trial, column, step, &known, slopes[j], down, size);
         if (outcome && outcome != AB_TIMED_OUT && plain->replay) {
             plain->replay = 0;
-            outcome = difference(plain, trial, column, 10.0 * step, base, slopes[j], down, size);
+            outcome = difference(plain, trial, column, 10.0 * step, &known, slopes[j], down, size);
             plain->replay = 1;
         }
     }
@@ -194,6 +220,7 @@ int run_differences(Run *r)
     free(slopes);
     free(base);
     free(down);
+    free(events);
     free(trial);
     run_close(plain);
     return outcome;

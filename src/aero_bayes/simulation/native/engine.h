@@ -6,6 +6,7 @@
  *   fmu.c          one instance of it, its right-hand side and Jacobian, and its initialisation, to the first sample
  *   probe.c        what an FMU does that its description does not say, and whether its derivatives can be built on
  *   inputs.c       input signals, their delay, and the times at which they break
+ *   operators.c    what laws at an input make of its signal
  *   rodas.c        the Rosenbrock step, its linear algebra and error estimate
  *   sensitivity.c  forward sensitivities on the same steps
  *   exponential.c  steps with an exact linear part, where the input moves at each sample
@@ -57,6 +58,7 @@ typedef struct {
     fmi_reference reference;
     int linear; /* 0 hold, 1 linear */
     int kind;   /* 0 real, 1 integer, 2 boolean, 3 integer of 64 bits */
+    int operator; /* that acts on it first, or -1 */
     int64_t count;
     const double *time, *values;
     int64_t n_breaks; /* grid indices at which the signal breaks */
@@ -68,6 +70,24 @@ typedef struct {
     int64_t a;
     double scale; /* a natural size of the column, for differences */
 } Target;
+
+/* Laws that act on an input one after the other, by the parameters that they have in the model. */
+typedef struct {
+    int64_t n;
+    fmi_reference *reference;
+} Operator;
+
+/* A signal as an operator leaves it: lines in cells, the first of which lasts until the signal begins. */
+typedef struct {
+    double *memory;
+    int64_t count, room; /* cells; and for how many there is room */
+    double *time, *value, *slope; /* of each cell, at its beginning */
+    double *key;    /* parameters for which they hold, */
+    int holds;      /* if this is not 0; more than 1 where the derivatives hold too */
+    int *column_of; /* of each parameter, or -1 */
+    double **by;    /* by each parameter that has a column: values, then slopes of all cells */
+    double *by_now; /* the same while outputs are read */
+} Drive;
 
 /* Does a column delay this signal? Its a is the signal's index, or negative for all of them. */
 static inline int delays(const Target *t, int signal)
@@ -95,6 +115,7 @@ typedef struct {
     fmi_reference *known_reference;
     const double *known_value;
     Target *targets; /* one a column */
+    int64_t most_breaks; /* where operators act */
     int64_t n_breaks, most_steps; /* steps that a run may take, or 0 for as many as it needs */
     signed char *start_matters; /* per column: whether x(t0) depends on it; -1 not known yet */
 } Experiment;
@@ -121,6 +142,8 @@ typedef struct {
     const double *diffusion; /* of each state, where there is process noise */
     double rtol, atol, time_limit;
     int64_t max_steps;
+    int64_t n_operators;
+    Operator *operators;
     int64_t p, n_experiments;
     Experiment *experiments;
     Fmu *fmu;
@@ -194,7 +217,7 @@ typedef struct Run {
     struct Lane *lane; /* whose run it is, where it is one of several */
     uint64_t values_hash; /* of its last parameter vector, 0 for none */
     const double *values; /* a parameter vector, or NULL for the model's own */
-    int n, nz, status, mode;
+    int n, nz, status, mode, form;
     double rtol, atol;
     Kalman *kalman; /* of modes with process noise */
     Exponential *exponential;
@@ -215,10 +238,14 @@ typedef struct Run {
     double *u0, *slope, u_time, *u_now; /* value and slope of each signal in this segment */
     fmi_reference *u_reference, *u_real; /* of each signal, and of the real ones */
     int any_slope, any_linear;
+    double at; /* time at which the FMU stands */
+    int exact; /* inputs are what the law gives, not the lines in their place */
+    Drive *drive; /* of each signal, where there are operators */
+    double **row_of; /* of each signal and column: its derivatives, or NULL */
     Break *breaks;
     int64_t n_breaks, next_break;
     /* sensitivities: rows of ld */
-    int q, ld, sensitive;
+    int q, ld, sensitive, begins_sensitive;
     const int64_t *active;
     Target *column_target;
     double *s, *s1, *sv, *su, *sdense, *s0;
@@ -237,6 +264,8 @@ typedef struct Run {
     int record, replay;
     double *steps;
     int64_t n_steps, cap_steps, at_step;
+    double *event_times; /* of state events */
+    int64_t n_events, cap_events;
     void *memory;
 } Run;
 
@@ -260,8 +289,23 @@ int read_nominals(Run *);
 void inputs_prepare(Run *);
 int inputs_pass(Run *, int *kink);
 void inputs_enter(Run *, double t);
+double inputs_before(const Run *, int signal);
+int inputs_exact(Run *, double t);
+int inputs_as_lines(Run *);
+double input_by(const Run *, int signal, int column);
 int inputs_apply(Run *, double t);
 int inputs_jump(Run *, double t);
+
+/* operators.c */
+int operators_open(Run *);
+static inline int64_t operator_room(const Signal *s) { return s->linear ? 2 * s->count : s->count + 1; }
+void operators_close(Run *);
+int operators_apply(Run *, int with_columns);
+int operators_at(Run *, int signal, double time, double *value, double *slope, double *by);
+int acts_before(const Problem *, const Target *);
+/* Are lines in place of what an operator makes of a signal? */
+static inline int has_lines(const Run *r, int i) { return r->drive && r->e->signals[i].linear && r->drive[i].count > 0; }
+static inline int is_driven(const Run *r, int signal) { return r->drive && r->drive[signal].count > 0; }
 
 /* rodas.c */
 enum { STAGES = 8 };
@@ -289,6 +333,7 @@ int event_iterate(Run *);
 int indicators(Run *, double t, const double *x, double *z);
 int crossed(const double *z0, const double *z1, int nz);
 double find_event(Run *, double h);
+void remember_event(Run *);
 
 /* sink.c */
 enum { PIECE_POINTS = 11 };
@@ -311,6 +356,18 @@ int kalman_read(Run *, int *finite);
 
 /* Do inputs move at each sample, or nearly so? */
 static inline int moves_at_samples(const Experiment *e) { return e->n_breaks * (MOST_INSIDE + 1) >= e->n; }
+
+/* Of the equations that are left where operators act. */
+static inline int form_of(const Problem *p)
+{
+    return p->fmu->form != LINEAR_BEHIND ? p->fmu->form : p->n_operators ? LINEAR_FORM : OTHER_FORM;
+}
+
+/* Are exponential steps tried? Of a linear model also from sample to sample of a uniform grid while inputs rest. */
+static inline int may_be_exponential(const Problem *p, const Experiment *e)
+{
+    return p->n <= MOST_STATES && (moves_at_samples(e) || (form_of(p) == LINEAR_FORM && e->spacing > 0.0));
+}
 
 /* columns.c */
 int columns_renew(Run *);

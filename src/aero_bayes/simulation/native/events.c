@@ -5,6 +5,17 @@
 
 enum { MOST_ITERATIONS = 1000 };
 
+/* A state event at r->t, whose time moves with the parameters. */
+void remember_event(Run *r)
+{
+    r->events_seen = 1;
+    if (r->n_events == r->cap_events) {
+        r->cap_events = 2 * r->cap_events + 64;
+        r->event_times = realloc(r->event_times, sizeof *r->event_times * (size_t)r->cap_events);
+    }
+    r->event_times[r->n_events++] = r->t;
+}
+
 /* fmi2NewDiscreteStates until nothing changes; the instance is in event mode. */
 int event_iterate(Run *r)
 {

@@ -19,18 +19,22 @@ static const double lagrange[NODES_X][3] = {{1.6, -4.0, 4.8}, {-1.0, 7.0, -12.0}
 #define BETWEEN (1.0 / 3.0)
 static const double between[NODES_X] = {8.0 / 15.0, 2.0 / 3.0, -0.2};
 #define CUBIC_BETWEEN (-1.0 / 3.0)
+#define OFF_AT_CORNER 1.5 /* error at the end by what is left there of a corner: at least that of a jump between two points */
 
-#define OF_SMOOTH 0.3         /* and the share of it that counts where the remainder was seen to be smooth; less misses kinks */
+/* Error at the end by the same defect where the remainder is a third power: by h A, of which it is the first term (and
+ * never more than by the next), and by the corrections' contraction, as the states at the points are off too. */
+#define OF_SMOOTH 0.01
+#define MOST_OF_SMOOTH 0.1
 #define OLD_JACOBIAN 0.5     /* error from which a newer Jacobian is worth its matrices, */
 #define FAR_FROM_JACOBIAN 5e-3 /* where the corrections shrink by no more than this */
 #define MUCH_SMALLER 0.1       /* error at which a step of twice the length is likely to do */
 #define OF_CORRECTIONS 0.003   /* error that may be left to corrections not made: it has the same sign step after step */
+#define SAME_JACOBIAN 1e-2     /* change of h times the Jacobian over a step, in sizes of the states, that is none */
 #define STIFF 0.5 /* size of h A from which sensitivities move too fast within a step for a parabola */
 
 enum {
     CHECK_EACH = 16,   /* a linear model is looked at between its samples, and the iteration's contraction measured anew */
     MOST_ROUNDS = 4,
-    LONGEST_PAUSE = 64, /* segments that are left to the other method after failures */
     MOST_LEVELS = 3,    /* halvings of a segment */
     TRY_LONGER = 4,     /* segments after which one halving less is tried */
     LASTED = 8          /* steps of a Jacobian that are worth the derivatives of its matrices */
@@ -115,7 +119,7 @@ void exponential_begin(Run *r)
     Exponential *k = r->exponential;
     if (!k) return;
     k->level = k->stale = k->since_longer = 0;
-    k->known = k->pause = k->last_pause = k->linear_model = k->linear_columns = 0;
+    k->known = k->corners = k->failed = k->linear_model = k->linear_columns = 0;
     k->age = LASTED;
 }
 
@@ -189,23 +193,64 @@ Flow *flow_inside(Run *r, StepTable *t, double theta)
     return f;
 }
 
-/* A and, where inputs may slope, df/du anew at (r->t, r->x), with r->f there, for steps by h. Its derivatives too, where
- * sensitivities are stiff or have many steps of it. */
-static int renew_jacobian(Run *r, double h)
+/* What a state's absolute tolerance is relative to. A nominal value of 1 is one that nobody declared: there it is the
+ * largest that the state has been so far, which `now` may exceed. */
+double state_size(const Run *r, int i, double now)
+{
+    return r->nominal[i] == 1.0 ? larger(larger(r->largest[i], now), LEAST_SIZE) : r->nominal[i];
+}
+
+/* The Jacobian at (r->t, r->x), with r->f there, to r->jac, and df/du where inputs may slope. */
+static int linearise(Run *r)
 {
     Exponential *k = r->exponential;
-    const int n = r->n, rows = k->rows;
     int status = set_point(r, r->t, r->x);
     if (!is_error(status)) status = jacobian(r, r->t, r->x, r->f, r->jac);
     for (int i = 0; r->any_linear && r->problem->has_directional && i < r->e->n_signals && !is_error(status); i++)
-        status = directional_column(r, r->u_reference[i], k->b + i * rows);
+        status = directional_column(r, r->u_reference[i], k->b + i * k->rows);
+    return status;
+}
+
+/* Is the linearisation at the end of a step by h the one at its beginning? The end is guessed by it. */
+static int keeps_jacobian(Run *r, double h)
+{
+    Exponential *k = r->exponential;
+    const int n = r->n, rows = k->rows;
+    double *x = k->middle, *f = k->end, *jac = k->nearness[0], *column = k->v;
+    if (is_error(linearise(r))) return 0;
+    for (int i = 0; i < n; i++) {
+        double bend = 0.0;
+        for (int j = 0; j < n; j++) bend += r->jac[i * n + j] * r->f[j];
+        for (int s = 0; r->any_slope && r->problem->has_directional && s < r->e->n_signals; s++)
+            bend += k->b[s * rows + i] * r->slope[s];
+        x[i] = r->x[i] + h * (r->f[i] + 0.5 * h * bend);
+    }
+    if (is_error(rhs(r, r->t + h, x, f)) || is_error(jacobian(r, r->t + h, x, f, jac))) return 0;
+    double most = 0.0;
+    for (int i = 0; i < n; i++)
+        for (int j = 0; j < n; j++)
+            most = larger(most, h * fabs(jac[i * n + j] - r->jac[i * n + j]) * state_size(r, j, fabs(r->x[j])) /
+                                    state_size(r, i, fabs(r->x[i])));
+    for (int s = 0; r->any_slope && r->problem->has_directional && s < r->e->n_signals; s++) {
+        if (is_error(directional_column(r, r->u_reference[s], column))) return 0;
+        for (int i = 0; i < n; i++)
+            most = larger(most, h * h * fabs((column[i] - k->b[s * rows + i]) * r->slope[s]) / state_size(r, i, fabs(r->x[i])));
+    }
+    return most <= SAME_JACOBIAN;
+}
+
+/* A and df/du anew for steps by h. Their derivatives too, where sensitivities are stiff or have many steps of them. */
+static int renew_jacobian(Run *r, double h)
+{
+    Exponential *k = r->exponential;
+    const int n = r->n, rows = k->rows, status = linearise(r);
     if (is_error(status)) return status;
     for (int j = 0; j < n; j++)
         for (int i = 0; i < n; i++) {
             if (!isfinite(r->jac[i * n + j])) return FMI_DISCARD;
             k->system.a.value[j * rows + i] = r->jac[i * n + j];
         }
-    const int worth = r->sensitive && (k->age >= LASTED || h * phi_norm(&k->system) > STIFF);
+    const int worth = r->sensitive && (r->form == LINEAR_FORM || k->age >= LASTED || h * phi_norm(&k->system) > STIFF);
     k->system.ld = worth ? r->ld : 0;
     k->known = 1;
     k->age = k->n_tables = k->linear_model = k->linear_columns = k->stale = 0;
@@ -297,9 +342,8 @@ static void find_weights(Run *r)
     Exponential *k = r->exponential;
     const double *end = k->linear + (NODES_X - 1) * r->n;
     for (int i = 0; i < r->n; i++) {
-        const double now = larger(fabs(r->x[i]), fabs(end[i])), known = r->nominal[i];
-        const double size = known == 1.0 ? fmin(known, larger(larger(r->largest[i], now), LEAST_SIZE)) : known;
-        const double tolerance = r->atol * size + r->rtol * now;
+        const double now = larger(fabs(r->x[i]), fabs(end[i]));
+        const double tolerance = r->atol * state_size(r, i, now) + r->rtol * now;
         k->weight[i] = 1.0 / (tolerance * tolerance * (double)r->n);
     }
 }
@@ -344,22 +388,42 @@ static double iterate(Run *r, const StepTable *t, int rounds)
 
 /* Error at the end from the form of the remainder, in units of the tolerance. The parabola does not pass through zero at
  * the beginning. Where that is much, the third power through that too is tried on the model at a point between: a smooth
- * remainder it meets, and then the end is far more exact than the beginning. */
+ * remainder it meets, and then the end is far more exact than the beginning. In a run with corners it is looked at there in
+ * any case: between the points a state may pass a corner and come back. */
 static double error_of_parabola(Run *r, const StepTable *t)
 {
     Exponential *k = r->exponential;
     double *defect = k->first, *off = k->end;
     for (int i = 0; i < r->n; i++)
         defect[i] = at_start[0] * k->d[0][i] + at_start[1] * k->d[1][i] + at_start[2] * k->d[2][i];
-    const double error = OFF_PARABOLA * effect(r, t, defect);
-    if (error <= OLD_JACOBIAN || !(OF_SMOOTH * error < 1.0)) return error;
+    const double whole = effect(r, t, defect), error = OFF_PARABOLA * whole;
+    const int bends = error > OLD_JACOBIAN;
+    if (!bends && !k->corners) return error;
+    memset(off, 0, sizeof *off * (size_t)k->rows);
+    kernels->apply(off, k->system.a.value, defect, r->n, k->rows);
+    const double linear = fmin(OF_SMOOTH * t->h * effect(r, t, off), MOST_OF_SMOOTH * whole);
+    const double smooth = linear + fmax(k->contraction, 0.0) * whole;
+    if (bends && !(smooth < 1.0)) return error;
     double *x = k->middle;
     state_at(r, &t->between, x);
     r->status = remainder_at(r, t->h, BETWEEN, x, off);
     if (is_error(r->status)) return NAN;
     for (int i = 0; i < r->n; i++)
         off[i] -= between[0] * k->d[0][i] + between[1] * k->d[1][i] + between[2] * k->d[2][i] - CUBIC_BETWEEN * defect[i];
-    return OF_SMOOTH * error + OFF_PARABOLA * effect(r, t, off);
+    return (bends ? smooth : error) + (k->corners ? OFF_AT_CORNER : OFF_PARABOLA) * effect(r, t, off);
+}
+
+/* The step of a linear model is exact. */
+static double exact_step(Run *r, const StepTable *t)
+{
+    Exponential *k = r->exponential;
+    linear_at(r, &t->node[2], k->end);
+    for (int i = 0; i < r->n; i++)
+        if (!isfinite(k->end[i])) return NAN;
+    memcpy(k->x[NODES_X - 1], k->end, sizeof *k->end * (size_t)r->n);
+    memset(k->remainders, 0, sizeof *k->remainders * (size_t)k->all_rows);
+    k->rounds = ONLY_END;
+    return 0.0;
 }
 
 /* One step with the matrices at hand; its error in units of the tolerance. */
@@ -371,12 +435,13 @@ static double attempt(Run *r, StepTable *t, int rounds)
     memcpy(k->x0, r->x, sizeof *r->x * (size_t)n);
     r->status = find_ramp(r, t->h);
     if (is_error(r->status)) return NAN;
+    if (r->form == LINEAR_FORM) return exact_step(r, t);
     linear_at_points(r, t);
     find_weights(r);
     r->status = find_remainder(r, t->h, 2);
     if (is_error(r->status)) return NAN;
     k->rounds = 0;
-    const int looks = rounds ? rounds == ONLY_END : k->linear_model || k->age % CHECK_EACH == 0;
+    const int looks = rounds ? rounds == ONLY_END : r->form != OTHER_FORM && (k->linear_model || k->age % CHECK_EACH == 0);
     const double left = looks ? effect(r, t, k->d[2]) : INFINITY;
     if (rounds ? looks : left <= CLOSE_TO_LINEAR && k->linear_model && k->age % CHECK_EACH) {
         memset(k->remainders, 0, sizeof *k->remainders * (size_t)k->all_rows);
@@ -406,17 +471,12 @@ static int meets_event(Run *r, const StepTable *t)
     return 0;
 }
 
-/* Whether such a step is to be tried at the beginning of a segment: not where they failed just now. */
-int exponential_ready(Run *r)
+/* At the beginning of a segment. */
+void exponential_ready(Run *r)
 {
     Exponential *k = r->exponential;
-    if (k->pause > 0) {
-        k->pause--;
-        return 0;
-    }
     if (k->level > 0 && (k->worst < MUCH_SMALLER || ++k->since_longer >= TRY_LONGER)) k->level--, k->since_longer = 0;
     k->worst = 0.0;
-    return 1;
 }
 
 /* One step by h; whether it is good enough. */
@@ -446,6 +506,7 @@ double exponential_step(Run *r, double span, double left, double *recorded)
     r->status = FMI_OK;
     int renewed = forced ? code >= RENEWED : !k->known || k->stale;
     double h = forced ? left : fmin(left, ldexp(span, -k->level));
+    if (k->failed && !forced && !keeps_jacobian(r, h)) return 0.0;
     int good = try_step(r, h, renewed, code % RENEWED);
     while (!good && !forced && !is_error(r->status) && k->level < MOST_LEVELS) {
         const int renew = !renewed && (k->contraction < 0.0 || k->contraction > FAR_FROM_JACOBIAN || !(k->error < INFINITY));
@@ -461,15 +522,19 @@ double exponential_step(Run *r, double span, double left, double *recorded)
     }
     if (!good) {
         k->known = k->level = 0;
-        k->last_pause = k->last_pause < LONGEST_PAUSE / 2 ? 2 * k->last_pause + 1 : LONGEST_PAUSE;
-        k->pause = k->last_pause;
+        k->failed = k->corners = 1;
         return 0.0;
     }
     k->stale = k->age > 0 && k->error > OLD_JACOBIAN && k->contraction > FAR_FROM_JACOBIAN;
     k->age++;
     k->worst = larger(k->worst, k->error);
-    k->last_pause = 0;
+    k->failed = 0;
     memcpy(r->x1, k->x[NODES_X - 1], sizeof *r->x1 * (size_t)r->n);
+    if (r->form == LINEAR_FORM) { /* the slope there */
+        for (int i = 0; i < r->n; i++) k->v[i] = r->x1[i] - k->x0[i], k->end[i] = r->f[i] + (k->ramps ? k->ramp[i] : 0.0);
+        kernels->apply(k->end, k->system.a.value, k->v, r->n, k->rows);
+        memcpy(r->f, k->end, sizeof *r->f * (size_t)r->n);
+    }
     *recorded = k->rounds + (renewed ? RENEWED : 0);
     return h;
 }

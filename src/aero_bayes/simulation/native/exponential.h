@@ -27,6 +27,9 @@ static inline void *take(Arena *a, size_t count, size_t size)
 
 /* Exponential steps (exponential.c). Matrices are n x n by columns of `rows`, vectors of `rows`. */
 enum { NODES_X = 3, MOST_TABLES = 6, MOST_INSIDE = 3, MOST_STATES = 32 };
+/* Of a model's equations: linear in states and inputs, with constant coefficients (ab_linear() of the FMU); linear where
+ * operators act on its inputs; or known not to be. */
+enum { UNKNOWN_FORM, LINEAR_FORM, LINEAR_BEHIND, OTHER_FORM };
 /* How a step tells of itself: its rounds of corrections, or that only its end was looked at, and whether its Jacobian is
  * its own. */
 enum { ONLY_END = 7, RENEWED = 8 };
@@ -62,7 +65,9 @@ typedef struct {
     int rows, all_rows, n_tables; /* all_rows: those of a column for all points */
     int known, stale, age; /* of the kept Jacobian; steps since it was taken */
     int linear_model;      /* the last step left no remainder */
-    int pause, last_pause; /* segments to leave to the other method */
+    int carried;           /* of a linear model: the slopes of the columns are known from the step before */
+    int failed;            /* the last step that was tried, so that the other method took over */
+    int corners;           /* steps have failed in this run */
     int rounds, ramps;
     double contraction; /* of the corrections, or -1 */
     double error, worst; /* of the last step; of this segment's */
@@ -87,6 +92,7 @@ Matrix matrix_at(const Linear *, Matrix first, int k);
 double phi_norm(const Linear *);
 
 /* exponential.c */
+double state_size(const struct Run *, int state, double now);
 /* Points of the parabola, and its value at the step's beginning by those at the points. */
 static const double point_of[NODES_X] = {1.0 / 6.0, 2.0 / 3.0, 1.0};
 static const double at_start[NODES_X] = {1.6, -1.0, 0.4};
@@ -95,7 +101,7 @@ static const double at_start[NODES_X] = {1.6, -1.0, 0.4};
 int exponential_open(struct Run *);
 void exponential_close(Exponential *);
 void exponential_begin(struct Run *);
-int exponential_ready(struct Run *);
+void exponential_ready(struct Run *);
 double exponential_step(struct Run *, double span, double left, double *recorded);
 Flow *flow_inside(struct Run *, StepTable *, double theta);
 void state_at(const struct Run *, const Flow *, double *to);

@@ -13,8 +13,11 @@ int fmu_load(Problem *p)
         if (!strcmp(f->path, p->library)) p->fmu = f;
     if (p->fmu) return 0;
     if (!(p->fmu = fmu_open(p->library, p->version, p->load_error, sizeof p->load_error))) return 1;
-    void *mark; /* a function that is exported for such models alone */
+    int (*mark)(void); /* a function that is exported for such models alone */
+    fmu_symbol(p->fmu, "ab_operators_off", &p->fmu->operators_off);
+    fmu_symbol(p->fmu, "ab_operator_values", &p->fmu->operator_values);
     p->fmu->eventless = !p->nz && !p->step_callback && !fmu_symbol(p->fmu, "ab_eventless", &mark);
+    if (p->fmu->eventless) p->fmu->form = fmu_symbol(p->fmu, "ab_linear", &mark) ? OTHER_FORM : mark();
     p->fmu->next = loaded;
     loaded = p->fmu;
     return 0;
@@ -56,7 +59,8 @@ int fmu_ready(Problem *p)
     }
     if (!f->instance && fmu_instantiate(p)) return AB_MODEL_ERROR;
     f->used = 1;
-    return AB_OK;
+    if (f->operators_off) return outcome_of(f, f->operators_off(f->instance, p->n_operators > 0));
+    return p->n_operators ? AB_MODEL_ERROR : AB_OK;
 }
 
 int outcome_of(Fmu *f, int status)
@@ -69,6 +73,7 @@ static int move_to(Run *r, double t, const double *x)
 {
     Fmu *f = r->fmu;
     int status = f->set_time(f->instance, t);
+    r->at = t;
     if (r->any_slope && !is_error(status)) status = inputs_apply(r, t);
     if (r->n && !is_error(status)) status = f->set_states(f->instance, x, (size_t)r->n);
     return status;
@@ -216,9 +221,10 @@ int initialise(Run *r)
     Fmu *f = r->fmu = p->fmu;
     r->t = e->time[0];
     const size_t count = start_values(r);
-    inputs_prepare(r);
     TRY(f->setup(f->instance, 0, 0.0, r->t, 0, 0.0));
     if (count) TRY(f->set_real(f->instance, r->start_reference, count, r->start_value));
+    TRY(operators_apply(r, r->begins_sensitive));
+    inputs_prepare(r);
     if (e->n_signals) TRY(inputs_jump(r, r->t));
     TRY(f->enter_initialization(f->instance));
     TRY(f->exit_initialization(f->instance));

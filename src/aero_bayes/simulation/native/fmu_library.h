@@ -48,6 +48,7 @@ typedef struct Fmu {
     int used; /* instance needs a reset before the next run */
     int begin;
     int eventless; /* its equations hold without events: an input may jump without event mode */
+    int form;      /* of its equations, where it tells (exponential.h) */
     int instantiated, spent; /* it was instantiated and can be no more in this process */
     fmi_component (*instantiate)(const char *, int, const char *, const char *, const fmi_callbacks *, fmi_boolean,
                                  fmi_boolean);
@@ -70,6 +71,9 @@ typedef struct Fmu {
     int (*get_states)(fmi_component, double *, size_t), (*get_nominals)(fmi_component, double *, size_t);
     int (*directional)(fmi_component, const fmi_reference *, size_t, const fmi_reference *, size_t, const double *,
                        double *);
+    int (*operators_off)(fmi_component, int); /* of coupled models only (structure/native/coupler.h) */
+    int (*operator_values)(fmi_component, int, size_t, const double *, double *, size_t, const fmi_reference *,
+                           double *);
 } Fmu;
 
 static inline int is_error(int status) { return status != FMI_OK && status != FMI_WARNING; }

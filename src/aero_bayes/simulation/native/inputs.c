@@ -16,6 +16,80 @@ static double resolution(const Run *r)
     return 16.0 * DBL_EPSILON * fmax(fabs(e->time[0]), fabs(e->time[e->n - 1]));
 }
 
+#define SAME 1e-12 /* of the size of a value: what is no jump */
+
+static void enter_cell(Run *r, int i, double at)
+{
+    const Drive *d = &r->drive[i];
+    const int64_t k = r->cell[i];
+    r->slope[i] = d->slope[k];
+    r->u0[i] = d->value[k] + d->slope[k] * (at - d->time[k]);
+}
+
+static double end_of_cell(const Drive *d, int64_t k) { return d->value[k] + d->slope[k] * (d->time[k + 1] - d->time[k]); }
+
+static void add_driven_breaks(Run *r, int i, double from, double to)
+{
+    const Drive *d = &r->drive[i];
+    for (int64_t k = 1; k < d->count; k++) {
+        const double t = d->time[k] + r->delay[i], value = d->value[k], before = end_of_cell(d, k - 1);
+        if (t <= from || t > to) continue;
+        const int jump = fabs(value - before) > SAME * larger(fabs(value), fabs(before));
+        int breaks = jump || fabs(d->slope[k] - d->slope[k - 1]) > 1e-9 * (fabs(d->slope[k]) + fabs(d->slope[k - 1]));
+        for (int j = 0; d->by[j] && !breaks; j++)
+            for (int at = 0; at < 2; at++) breaks |= d->by[j][at * d->room + k] != d->by[j][at * d->room + k - 1];
+        if (breaks)
+            r->breaks[r->n_breaks++] = (Break){t, jump};
+    }
+}
+
+/* Value of a signal before r->t, which is entered: another one where it jumps just now. */
+double inputs_before(const Run *r, int i)
+{
+    const Signal *s = &r->e->signals[i];
+    const int64_t k = r->cell[i];
+    const double *time = is_driven(r, i) ? r->drive[i].time : s->time;
+    if (k < 1 || fabs(time[k] + r->delay[i] - r->t) > r->resolution) return r->u0[i];
+    return is_driven(r, i) ? end_of_cell(&r->drive[i], k - 1) : s->values[k - 1];
+}
+
+/* How fast a signal moves with a column where the FMU stands. */
+double input_by(const Run *r, int i, int k)
+{
+    if (delays(&r->column_target[k], i)) return -r->slope[i];
+    const double *row = r->row_of ? r->row_of[i * r->q + k] : NULL;
+    if (!row) return 0.0;
+    const Drive *d = &r->drive[i];
+    const int64_t cell = r->cell[i];
+    if (r->exact && has_lines(r, i)) return d->by_now[(row - d->by[0]) / (2 * d->room)];
+    return row[cell] + row[d->room + cell] * (r->at - r->delay[i] - d->time[cell]);
+}
+
+/* Until inputs_as_lines: what operators make of linear signals at this time is given to the FMU, not lines in its place. */
+int inputs_exact(Run *r, double t)
+{
+    int status = FMI_OK;
+    for (int i = 0; r->drive && i < r->e->n_signals && !is_error(status); i++) {
+        if (!has_lines(r, i)) continue;
+        status = operators_at(r, i, t - r->delay[i], &r->u0[i], &r->slope[i], r->drive[i].by_now);
+        r->u0[i] -= r->slope[i] * (t - r->u_time);
+        r->exact = r->any_slope = 1;
+    }
+    return status;
+}
+
+/* The FMU is left where it stands. */
+int inputs_as_lines(Run *r)
+{
+    if (!r->exact) return FMI_OK;
+    r->exact = r->any_slope = 0;
+    for (int i = 0; i < r->e->n_signals; i++) {
+        if (has_lines(r, i)) enter_cell(r, i, r->u_time - r->delay[i]);
+        r->any_slope |= r->slope[i] != 0.0;
+    }
+    return inputs_apply(r, r->at);
+}
+
 /* Delay and the list of breaks of this run; the segment at r->t is entered. */
 void inputs_prepare(Run *r)
 {
@@ -37,7 +111,8 @@ void inputs_prepare(Run *r)
         r->cell[i] = 0;
         r->any_linear |= s->linear;
         const int64_t before = r->n_breaks;
-        for (int64_t b = 0; b < s->n_breaks; b++) {
+        if (is_driven(r, i)) add_driven_breaks(r, i, from, to);
+        for (int64_t b = 0; b < s->n_breaks && !is_driven(r, i); b++) {
             const int64_t k = s->breaks[b];
             const double t = s->time[k] + r->delay[i];
             if (t <= from || t > to) continue;
@@ -54,6 +129,7 @@ int inputs_pass(Run *r, int *kink)
 {
     int jump = 0;
     *kink = 0;
+    for (int i = 0; i < r->e->n_signals; i++) r->u_before[i] = r->u0[i] + r->slope[i] * (r->t - r->u_time);
     for (; r->next_break < r->n_breaks && r->breaks[r->next_break].time <= r->t + r->resolution; r->next_break++)
         *(r->breaks[r->next_break].jump ? &jump : kink) = 1;
     return jump;
@@ -69,6 +145,14 @@ void inputs_enter(Run *r, double t)
         const Signal *s = &e->signals[i];
         const double *v = s->values, at = t - r->delay[i];
         int64_t k = r->cell[i];
+        if (is_driven(r, i)) {
+            const Drive *d = &r->drive[i];
+            while (k + 1 < d->count && d->time[k + 1] <= at + r->resolution) k++;
+            r->cell[i] = k;
+            enter_cell(r, i, at);
+            r->any_slope |= r->slope[i] != 0.0;
+            continue;
+        }
         while (k + 1 < s->count && s->time[k + 1] <= at + r->resolution) k++;
         r->cell[i] = k;
         r->u0[i] = v[k];

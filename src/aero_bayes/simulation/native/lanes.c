@@ -5,9 +5,9 @@
 
 /* Whether all that the experiment asks for is in the lane functions. Where inputs move at each sample or nearly so, the
  * exponential steps of a single run are cheaper. */
-static int covers(const LaneTable *model, const Experiment *e)
+static int covers(const Problem *p, const LaneTable *model, const Experiment *e)
 {
-    if (moves_at_samples(e) && model->nx <= MOST_STATES) return 0;
+    if (may_be_exponential(p, e)) return 0;
     for (int64_t o = 0; o < e->m; o++) {
         const unsigned at = (unsigned)e->output_reference[o] - model->first_output;
         if (e->output_state[o] < 0 && (e->output_kind[o] != 0 || at >= (unsigned)model->ny)) return 0;
@@ -28,7 +28,7 @@ static const LaneTable *table_of(Problem *p, ab_lanes_constants_function **const
     const LaneTable *model = tables(has_wide() ? AB_AVX2 : AB_BASELINE);
     if (!model || model->version != AB_LANES_VERSION || model->lanes != WIDE || model->nx != p->n) return NULL;
     for (int64_t e = 0; e < p->n_experiments; e++)
-        if (!covers(model, &p->experiments[e])) return NULL;
+        if (!covers(p, model, &p->experiments[e])) return NULL;
     return model;
 }
 

@@ -6,7 +6,7 @@
 
 #include "lanes.h"
 
-#define SPEC_MAGIC 0x4142535045430009LL
+#define SPEC_MAGIC 0x414253504543000ALL
 
 typedef struct Owned {
     struct Owned *next;
@@ -146,6 +146,8 @@ static void read_experiment(Reader *r, Experiment *e, int64_t p)
         s->linear = (int)integer(r);
         s->kind = (int)integer(r);
         r->broken |= s->kind < 0 || s->kind > 3;
+        s->operator = (int)integer(r);
+        r->broken |= s->operator >= r->problem->n_operators;
         s->time = array(r, -1, &s->count);
         s->values = array(r, s->count, NULL);
         r->broken |= s->count < 1;
@@ -170,6 +172,7 @@ static void read_experiment(Reader *r, Experiment *e, int64_t p)
     for (int i = 0; i < e->n_signals; i++) {
         find_breaks(r->problem, &e->signals[i]);
         e->n_breaks += e->signals[i].n_breaks;
+        e->most_breaks += e->signals[i].operator < 0 ? e->signals[i].n_breaks : operator_room(&e->signals[i]);
     }
 }
 
@@ -215,6 +218,11 @@ static void read_problem(Reader *r, Problem *p)
     p->atol = real(r);
     p->max_steps = integer(r);
     p->time_limit = real(r);
+    p->n_operators = integer(r);
+    if (p->n_operators < 0 || p->n_operators > 1000000) r->broken = 1;
+    p->operators = r->broken ? NULL : own(p, p->n_operators, sizeof *p->operators);
+    for (int64_t k = 0; k < p->n_operators && !r->broken; k++)
+        p->operators[k].reference = references(r, -1, &p->operators[k].n);
     p->p = integer(r);
     p->n_experiments = integer(r);
     r->broken |= p->p < 0 || p->n_experiments < 0 || p->n_experiments > (1 << 24);

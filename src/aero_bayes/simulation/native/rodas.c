@@ -100,16 +100,13 @@ static void lu_solve(const Sparse *lu, const int *restrict pivot, double *restri
     }
 }
 
-/* In units of the tolerance. A nominal value of 1 is one that nobody declared: there the absolute tolerance follows what
- * the state has been so far, which for a motion through millimetres is far less. */
+/* In units of the tolerance. */
 double scaled_norm(const Run *r, const double *v, const double *x, const double *x1)
 {
     double sum = 0.0;
     for (int i = 0; i < r->n; i++) {
         const double now = larger(fabs(x[i]), fabs(x1[i]));
-        const double known = r->nominal[i];
-        const double size = known == 1.0 ? fmin(known, larger(larger(r->largest[i], now), LEAST_SIZE)) : known;
-        const double e = v[i] / (r->atol * size + r->rtol * now);
+        const double e = v[i] / (r->atol * state_size(r, i, now) + r->rtol * now);
         sum += e * e;
     }
     return sqrt(sum / (double)(r->n ? r->n : 1));

@@ -85,7 +85,6 @@ static int cross_segment_end(Run *r, Segment *g)
         if (is_error(status = rhs(r, r->t, r->x, r->f1))) return outcome_of(r->fmu, status);
     } else if (events && is_error(status = set_point(r, r->t, r->x)))
         return outcome_of(r->fmu, status);
-    memcpy(r->u_before, r->u0, sizeof *r->u0 * (size_t)r->e->n_signals);
     if (jump || kink) inputs_enter(r, r->t);
     if (events) {
         if ((outcome = enter_event(r, jump || kink))) return outcome;
@@ -116,7 +115,7 @@ static int cross_segment_end(Run *r, Segment *g)
     if (g->idle)
         g->fresh = 0; /* nothing happened: the step size still fits */
     else if (g->event && !r->sensitive)
-        r->events_seen = 1; /* the time of a state event moves with the parameters: its step cannot be repeated */
+        remember_event(r);
     if (shifts && is_error(status = delay_jump(r, &g->have_f))) return outcome_of(r->fmu, status);
     return AB_OK;
 }
@@ -135,7 +134,8 @@ static int filter_samples(Run *r, Segment *g)
     if (is_error(status = indicators(r, r->t, r->x, r->z0))) return outcome_of(r->fmu, status);
     if (!crossed(r->z1, r->z0, r->nz)) return AB_OK;
     if ((outcome = enter_event(r, 0))) return outcome;
-    r->events_seen = g->fresh = 1;
+    remember_event(r);
+    g->fresh = 1;
     return outcome_of(r->fmu, indicators(r, r->t, r->x, r->z0));
 }
 
@@ -147,12 +147,17 @@ int run_once(Run *r)
     const int n = r->n;
     r->taken = r->rejected = 0;
     r->events_seen = 0;
+    r->n_events = 0;
     r->at_step = 0;
     if (r->record) r->n_steps = 0;
-    if ((outcome = initialise(r))) return outcome;
+    r->begins_sensitive = r->q > 0;
+    outcome = initialise(r);
+    r->begins_sensitive = 0;
+    if (outcome) return outcome;
     memset(r->largest, 0, sizeof *r->largest * (size_t)n);
     note_sizes(r);
     exponential_begin(r);
+    r->form = form_of(r->problem);
     r->sensitive = r->q > 0;
     if (r->sensitive) {
         if ((outcome = sensitivity_begin(r))) return outcome;

@@ -20,7 +20,7 @@ static const double slope_at_0[4] = {-5.5, 9.0, -4.5, 1.0};
 
 static int jumps(const Run *r, int signal)
 {
-    return !r->e->signals[signal].linear && r->u_before[signal] != r->u0[signal];
+    return (!r->e->signals[signal].linear || is_driven(r, signal)) && r->u_before[signal] != r->u0[signal];
 }
 
 static void swap_jumps(Run *r, const Target *column)
@@ -76,10 +76,7 @@ static int delay_at_start(Run *r)
     const Target all = {.kind = TARGET_DELAY, .a = -1};
     int any = 0, have_f = 1;
     for (int i = 0; i < r->e->n_signals; i++) {
-        const Signal *s = &r->e->signals[i];
-        const int64_t k = r->cell[i];
-        const int now = k > 0 && fabs(s->time[k] + r->delay[i] - r->t) <= r->resolution;
-        r->u_before[i] = now ? s->values[k - 1] : r->u0[i];
+        r->u_before[i] = inputs_before(r, i);
         for (int c = 0; c < r->q; c++) any |= jumps(r, i) && delays(&r->column_target[c], i);
     }
     if (!any || !r->n) return FMI_OK;
@@ -105,20 +102,21 @@ int sensitivity_slopes(Run *r, double *b)
     const int n = r->n, ld = r->ld;
     memset(b, 0, sizeof *b * (size_t)(n * ld));
     for (int k = 0; k < r->q; k++)
-        if (r->column_target[k].kind == TARGET_PARAMETER) {
+        if (r->column_target[k].kind == TARGET_PARAMETER && !acts_before(r->problem, &r->column_target[k])) {
             const int status = directional_column(r, (fmi_reference)r->column_target[k].a, r->column);
             if (is_error(status)) return status;
             for (int i = 0; i < n; i++) b[i * ld + k] = r->column[i];
         }
     for (int signal = 0; signal < r->e->n_signals; signal++) {
-        int delayed = 0;
-        for (int k = 0; k < r->q; k++) delayed |= delays(&r->column_target[k], signal);
-        if (!delayed || r->slope[signal] == 0.0) continue;
+        int moved = 0;
+        for (int k = 0; k < r->q; k++) moved |= input_by(r, signal, k) != 0.0;
+        if (!moved) continue;
         const int status = directional_column(r, r->u_reference[signal], r->column);
         if (is_error(status)) return status;
-        for (int k = 0; k < r->q; k++)
-            for (int i = 0; delays(&r->column_target[k], signal) && i < n; i++)
-                b[i * ld + k] += -r->slope[signal] * r->column[i];
+        for (int k = 0; k < r->q; k++) {
+            const double by = input_by(r, signal, k);
+            for (int i = 0; by != 0.0 && i < n; i++) b[i * ld + k] += by * r->column[i];
+        }
     }
     return FMI_OK;
 }

@@ -262,9 +262,10 @@ static int read_sensitivities(Run *r, const double *s, double *to, int64_t strid
             r->seed[known++] = 1.0;
         }
         for (int i = 0; i < e->n_signals; i++) {
-            if (!delays(target, i) || r->slope[i] == 0.0) continue;
+            const double by = input_by(r, i, k);
+            if (by == 0.0) continue;
             r->seed_reference[known] = r->u_reference[i];
-            r->seed[known++] = -r->slope[i];
+            r->seed[known++] = by;
         }
         int moves = 0;
         for (int i = 0; i < known; i++) moves |= r->seed[i] != 0.0;
@@ -286,10 +287,13 @@ static int read_outputs(Run *r, double t, double fraction, double *y, int64_t y_
     const int n = r->n;
     const int64_t size = (int64_t)n * r->ld;
     for (int i = 0; i < n; i++) kernels->horner(r->dense + i, n, &fraction, 1, r->u + i);
-    const int status = read_values(r, t, r->u, y, y_stride);
-    if (is_error(status) || !r->q) return status;
-    kernels->dense_rows(r->su, r->sdense, size, &fraction, 1, size, size);
-    return read_sensitivities(r, r->su, s, s_stride);
+    int status = inputs_exact(r, t);
+    if (!is_error(status)) status = read_values(r, t, r->u, y, y_stride);
+    if (!is_error(status) && r->q) {
+        kernels->dense_rows(r->su, r->sdense, size, &fraction, 1, size, size);
+        status = read_sensitivities(r, r->su, s, s_stride);
+    }
+    return is_error(status) ? status : inputs_as_lines(r);
 }
 
 /* Whether the polynomial meets the odd points of `columns` series side by side, each to a tolerance times its size;

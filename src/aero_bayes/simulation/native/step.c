@@ -102,11 +102,22 @@ static int complete_step(Run *r, Segment *g)
 static int exponential_may(Run *r, double end)
 {
     const Experiment *e = r->e;
-    if (r->n == 0 || r->n > MOST_STATES || filters(r) || !moves_at_samples(e)) return 0;
+    if (r->n == 0 || filters(r) || !may_be_exponential(r->problem, e)) return 0;
     const int64_t last = r->sample + MOST_INSIDE + 1;
-    if (last < e->n && e->time[last] < end - r->resolution) return 0;
+    if (moves_at_samples(e) && last < e->n && e->time[last] < end - r->resolution) return 0;
     if (!exponential_open(r) || (r->sensitive && !r->exponential->columns)) return 0;
-    return exponential_ready(r);
+    exponential_ready(r);
+    return 1;
+}
+
+/* How far a step may go that is to end at `end`: where inputs rest, to the next sample. */
+static double reach_of(const Run *r, double end)
+{
+    const Experiment *e = r->e;
+    if (moves_at_samples(e)) return end - r->t;
+    int64_t next = r->sample;
+    while (next < e->n && e->time[next] <= r->t + r->resolution) next++;
+    return next < e->n && e->time[next] < end - r->resolution ? e->time[next] - r->t : end - r->t;
 }
 
 /* Samples before `limit`, from the step's own solution at their times. */
@@ -134,13 +145,17 @@ static int exponential_emit(Run *r, double limit)
     return FMI_OK;
 }
 
+/* Where inputs rest, a segment counts no more steps than the other method would take: others are limited by a multiple. */
+enum { AFTER_JUMP = 20 };
+
 /* Exponential steps over the segment, as far as they are good enough. */
 static int exponential_segment(Run *r, Segment *g)
 {
-    int status, outcome = AB_OK;
+    int status, outcome = AB_OK, steps = 0;
     if (!r->replay && !exponential_may(r, g->end)) return AB_OK;
+    if (r->exponential) r->exponential->carried = 0;
     while (!outcome && !g->event && g->end - r->t > r->resolution) {
-        double recorded = -1.0, left = g->end - r->t;
+        double recorded = -1.0, left = reach_of(r, g->end);
         if (r->replay) {
             if (r->at_step < r->n_steps) recorded = r->steps[r->at_step] - EXPONENTIAL;
             if (recorded < 0.0 || !exponential_open(r)) return AB_OK;
@@ -148,17 +163,18 @@ static int exponential_segment(Run *r, Segment *g)
         }
         if (!g->have_f && is_error(status = rhs(r, r->t, r->x, r->f))) return outcome_of(r->fmu, status);
         double h = exponential_step(r, g->end - g->begin, left, &recorded);
-        g->have_f = g->have_jac = g->have_node = 0; /* the FMU stands elsewhere */
+        g->have_jac = g->have_node = 0; /* the FMU stands elsewhere */
+        g->have_f = h > 0.0 && r->form == LINEAR_FORM;
         g->fresh = 1;
         if (is_error(r->status)) return outcome_of(r->fmu, r->status);
         if (!(h > 0.0)) return r->replay ? AB_SOLVER_FAILED : AB_OK;
         const int last = r->t + h >= g->end - r->resolution;
-        status = exponential_emit(r, last ? g->end - r->resolution : r->t + h);
+        status = exponential_emit(r, (last ? g->end : r->t + h) - r->resolution);
         if (is_error(status)) return outcome_of(r->fmu, status);
         remember_step(r, EXPONENTIAL + recorded);
         remember_step(r, h / (g->end - g->begin));
         r->at_step += 2;
-        r->taken++;
+        r->taken += moves_at_samples(r->e) || steps++ < AFTER_JUMP;
         r->t = last ? g->end : r->t + h;
         swap(&r->x, &r->x1);
         if (r->sensitive) swap(&r->s, &r->s1);

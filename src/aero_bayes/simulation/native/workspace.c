@@ -26,7 +26,7 @@ static void lay_out(Run *r, Arena *a)
     r->u0 = REALS(inputs), r->slope = REALS(inputs), r->u_now = REALS(inputs);
     r->delay = REALS(inputs), r->u_before = REALS(inputs);
     r->u_reference = PART(fmi_reference, inputs), r->u_real = PART(fmi_reference, inputs);
-    r->breaks = PART(Break, e->n_breaks);
+    r->breaks = PART(Break, e->most_breaks);
     r->column_target = PART(Target, q);
     r->s0 = REALS(n * q);
     if (q) {
@@ -74,6 +74,10 @@ Run *run_open(Problem *problem, Experiment *e, int q, const int64_t *active)
     if (q) memcpy(columns, active, sizeof *columns * (size_t)q);
     r->active = columns;
     r->memory = memory;
+    if (!operators_open(r)) {
+        run_close(r);
+        return NULL;
+    }
     arena = (Arena){memory, 0};
     lay_out(r, &arena);
     for (int64_t o = 0; o < e->m; o++)
@@ -84,10 +88,12 @@ Run *run_open(Problem *problem, Experiment *e, int q, const int64_t *active)
 void run_close(Run *r)
 {
     if (!r) return;
+    operators_close(r);
     kalman_close(r->kalman);
     exponential_close(r->exponential);
     free((void *)r->active);
     free(r->steps);
+    free(r->event_times);
     free(r->memory);
     free(r);
 }

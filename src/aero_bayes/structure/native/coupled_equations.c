@@ -63,7 +63,7 @@ FMI int fmi2GetNominalsOfContinuousStates(fmi_component c, double *v, size_t n)
     const CoupledFmu *s = c;
     TRY(get_all_nominals(c, v, n));
     for (int k = 0; k < s->n_parts; v += s->part[k++].nx)
-        memcpy(v, s->part[k].nominal, sizeof *v * (size_t)s->part[k].n_nominals);
+        if (!s->part[k].off) memcpy(v, s->part[k].nominal, sizeof *v * (size_t)s->part[k].n_nominals);
     return FMI_OK;
 }
 
@@ -107,6 +107,10 @@ static int propagate_tangents(CoupledFmu *s, int transfers)
     for (int j = 0; j < transfers; j++) {
         const Transfer *o = &s->transfer[j];
         Part *p = &s->part[o->part];
+        if (p->off) {
+            pass_input(s, o, s->tangent);
+            continue;
+        }
         if (!o->sets) TRY(part_derivative(p, o->reference, o->n, s->tangent + o->slot));
         for (size_t i = 0; o->sets && i < o->n; i++) {
             double sum = 0.0;

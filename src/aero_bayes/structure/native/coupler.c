@@ -17,10 +17,27 @@ static char *path_of_uri(const char *uri)
     return path;
 }
 
+/* The input on which a law acts. */
+static int input_of(const CoupledFmu *s, int part)
+{
+    int k = 0;
+    while (s->operators[k].part != part) k++;
+    return s->operators[k].input;
+}
+
+void pass_input(const CoupledFmu *s, const Transfer *o, double *to)
+{
+    for (size_t i = 0; i < o->n && !o->sets; i++) to[o->slot + (int)i] = to[input_of(s, o->part)];
+}
+
 static int pass_on(CoupledFmu *s, int k)
 {
     const Transfer *o = &s->transfer[k];
     const Part *p = &s->part[o->part];
+    if (p->off) {
+        pass_input(s, o, s->slot);
+        return FMI_OK;
+    }
     if (!o->sets) {
         /* some FMUs solve their algebraic loops only when derivatives are asked for */
         if (!o->part && p->nx && s->phase != INITIALIZING && k >= p->ready)
@@ -90,7 +107,7 @@ FMI void fmi2FreeInstance(fmi_component c)
         free(o->reference), free(o->first), free(o->source), free(o->gain), free(o->value);
     }
     for (int k = 0; k < s->n_variables; k++) free(s->variable[k].part), free(s->variable[k].reference);
-    free(s->part), free(s->transfer), free(s->variable), free(s->start), free(s->slot), free(s->tangent);
+    free(s->part), free(s->transfer), free(s->variable), free(s->operators), free(s->start), free(s->slot), free(s->tangent);
     free(s->late_start);
     free(s->has_late_start);
     free(s->late_start_value);
@@ -227,6 +244,7 @@ FMI int fmi2CompletedIntegratorStep(fmi_component c, fmi_boolean keep, fmi_boole
     TRY(propagate(s, s->n_transfers));
     for (int k = 0; k < s->n_parts; k++) {
         const Part *p = &s->part[k];
+        if (p->off) continue;
         TRY(p->fmu->completed(p->c, keep, event, stop));
         events |= *event;
         stops |= *stop;
@@ -333,7 +351,57 @@ UNSUPPORTED(fmi2SerializeFMUstate, void *state, char bytes[], size_t size)
 UNSUPPORTED(fmi2DeSerializeFMUstate, const char bytes[], size_t size, void **state)
 _Pragma("GCC diagnostic pop")
 
+/* Not of FMI: switches all operators off, or on again. Before initialisation. */
+FMI int ab_operators_off(fmi_component c, int off)
+{
+    CoupledFmu *s = c;
+    for (int k = 0; k < s->n_operators; k++) {
+        Part *p = &s->part[s->operators[k].part];
+        p->off = off;
+        p->nx = off ? 0 : p->all_nx;
+    }
+    return FMI_OK;
+}
+
+/* What a law makes of values, in their place; and of their derivatives by parameters of the coupled model. */
+static int operate(const CoupledFmu *s, const Operator *o, size_t n, double *y, size_t n_known, const fmi_reference *known,
+                   double *slopes)
+{
+    const Part *p = &s->part[o->part];
+    const double one = 1.0;
+    double by = 0.0, own;
+    for (size_t i = 0; i < n; i++) {
+        TRY(p->fmu->set_real(p->c, &o->u, 1, y + i));
+        TRY(p->fmu->get_real(p->c, &o->y, 1, y + i));
+        if (n_known) TRY(p->fmu->directional(p->c, &o->y, 1, &o->u, 1, &one, &by));
+        for (size_t k = 0; k < n_known; k++) {
+            const Variable *v = &s->variable[known[k]];
+            own = 0.0;
+            if (v->part[0] == o->part) TRY(p->fmu->directional(p->c, &o->y, 1, v->reference, 1, &one, &own));
+            slopes[k * n + i] = by * slopes[k * n + i] + own;
+        }
+    }
+    return FMI_OK;
+}
+
+/* Not of FMI: what a chain of operators without states makes of n values, to y; and its derivatives by parameters of the
+ * coupled model, to one row of n for each of them. */
+FMI int ab_operator_values(fmi_component c, int chain, size_t n, const double *u, double *y, size_t n_known,
+                           const fmi_reference *known, double *slopes)
+{
+    const CoupledFmu *s = c;
+    memcpy(y, u, sizeof *y * n);
+    if (n_known) memset(slopes, 0, sizeof *slopes * n * n_known);
+    for (int k = 0; k < s->n_operators; k++)
+        if (s->operators[k].chain == chain) TRY(operate(s, &s->operators[k], n, y, n_known, known, slopes));
+    return FMI_OK;
+}
+
 #ifdef EVENTLESS
 /* Not of FMI: tells the engine that the equations hold without events. */
 FMI int ab_eventless(void) { return 1; }
+#endif
+#ifdef LINEAR
+/* And that they are linear in states and inputs: 1, or 2 where only those are that are left without operators. */
+FMI int ab_linear(void) { return LINEAR; }
 #endif

@@ -7,6 +7,10 @@
  * what it needs; derivatives take the same way by the chain rule. A value reference of the coupled model counts the
  * variables of its description.
  *
+ * Laws may act on an input of the coupled model, one on what the other makes of it, and read nothing else: a chain of
+ * operators. An importer that knows of it may apply it to the whole signal beforehand and switch it off here
+ * (ab_operators_off): the input is then what the laws would make of it, and they have no equations.
+ *
  * coupling_file.c reads coupling.txt. coupler.c has instances, modes and values, coupled_equations.c the states, the
  * derivatives and the directional derivatives. */
 #ifndef COUPLER_H
@@ -30,6 +34,8 @@ typedef struct {
     fmi_component c;
     char *guid, *resources;
     int nx, nz;
+    int all_nx; /* its states while it is not switched off */
+    int off;
     int ready; /* transfers after which all its inputs are set */
     fmi_reference *state;
     size_t n_given; /* parameters that it has beside those of the coupled model */
@@ -61,10 +67,16 @@ typedef struct {
 } Variable;
 
 typedef struct {
-    int n_parts, n_inputs, n_slots, n_transfers, n_variables;
+    int chain, part, input; /* the chain that it belongs to, its law, and the input of the coupled model */
+    fmi_reference u, y;
+} Operator;
+
+typedef struct {
+    int n_parts, n_inputs, n_operators, n_slots, n_transfers, n_variables;
     Part *part; /* the base is the first */
     Transfer *transfer;
     Variable *variable;
+    Operator *operators;
     double *start;                    /* of the inputs */
     double *slot, *tangent;           /* values, and their derivatives in a direction */
     int *late_start, *has_late_start; /* states of the base whose start value is set once the model runs; if they have one */
@@ -85,5 +97,8 @@ int read_coupling(CoupledFmu *s, const char *folder);
 
 /* Passes values on until so many transfers hold at this instant. */
 int propagate(CoupledFmu *s, int transfers);
+
+/* Values, or tangents, of what a transfer would get from a law that is switched off: those of its input. */
+void pass_input(const CoupledFmu *s, const Transfer *o, double *to);
 
 #endif

@@ -52,7 +52,7 @@ static void read_part(FILE *f, Part *p, const char *folder, int *broken)
     free(library);
     free(resources);
     *broken |= !p->fmu;
-    p->nx = count(f, broken);
+    p->nx = p->all_nx = count(f, broken);
     p->state = calloc((size_t)p->nx + 1, sizeof *p->state);
     for (int i = 0; i < p->nx; i++) p->state[i] = (fmi_reference)number(f, broken);
     p->n_given = (size_t)count(f, broken);
@@ -141,6 +141,14 @@ int read_coupling(CoupledFmu *s, const char *folder)
     for (; s->n_variables < n_variables && !broken; s->n_variables++) {
         read_variable(f, &s->variable[s->n_variables], s, &broken);
         most += (size_t)s->variable[s->n_variables].n;
+    }
+    const int n_operators = count(f, &broken);
+    s->operators = calloc((size_t)n_operators + 1, sizeof *s->operators);
+    for (; s->n_operators < n_operators && !broken; s->n_operators++) {
+        Operator *o = &s->operators[s->n_operators];
+        o->chain = count(f, &broken), o->part = count(f, &broken), o->input = count(f, &broken);
+        o->u = (fmi_reference)number(f, &broken), o->y = (fmi_reference)number(f, &broken);
+        broken |= o->part >= s->n_parts || o->input >= s->n_inputs;
     }
     for (int k = 0; k < s->n_parts; k++) {
         s->part[k].known = calloc(most, sizeof *s->part[k].known);

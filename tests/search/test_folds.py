@@ -12,7 +12,7 @@ from aero_bayes.estimate.local_fit import LocalFitSettings, local_fit
 from aero_bayes.estimate.noise import OutputNoise
 from aero_bayes.estimate.objective import Objective
 from aero_bayes.estimate.parameters import Parameter
-from aero_bayes.loop.left_out import MORE_BLOCKS, Blocks, newton_errors, refitted_errors
+from aero_bayes.loop.folds import BLOCKS, FOLDS, Folds, newton_errors, refitted_errors
 from aero_bayes.loop.models import CandidateModel, FittedModel
 from aero_bayes.loop.table import Row, Table
 from aero_bayes.simulation.interface import ParameterTarget
@@ -52,46 +52,46 @@ def study(times, measured, design, parameters, term):
     return [FittedModel(model, s, end) for s, end in ends.items()]
 
 
-def squares_without(x, y, blocks):
-    """Squared error of each block, predicted by a ridge regression of all other readings."""
+def squares_without(x, y, folds):
+    """Squared error of each block of each fold, predicted by a ridge regression of all readings outside the fold."""
     found = []
-    for block in blocks:
-        rest = np.setdiff1d(np.arange(y.size), block)
+    for blocks in folds:
+        rest = np.setdiff1d(np.arange(y.size), np.concatenate(blocks))
         p = np.linalg.solve(x[rest].T @ x[rest] + np.eye(x.shape[1]) / PRIOR_SD**2, x[rest].T @ y[rest])
-        found.append(float(np.sum((y[block] - x[block] @ p) ** 2)))
+        found += [float(np.sum((y[block] - x[block] @ p) ** 2)) for block in blocks]
     return np.array(found)
 
 
 def compared(fits):
-    blocks = Blocks.of(fits[-1])
-    rows = {f.terms: Row(f.terms, newton_errors(f, blocks), len(f.optimum.free)) for f in fits}
-    return Table(blocks.outputs, blocks.least, {}, {}, (), rows)
+    folds = Folds.of(fits[-1])
+    rows = {f.terms: Row(f.terms, newton_errors(f, folds), len(f.optimum.free)) for f in fits}
+    return Table(folds.outputs, folds.least, {}, {}, (), rows)
 
 
 @pytest.mark.parametrize("size", [0.0, 0.05, 1.0])
-def test_blocks_of_time_are_predicted_as_by_least_squares_without_them(size):
+def test_folds_of_time_are_predicted_as_by_least_squares_without_them(size):
     rng = np.random.default_rng(3)
     x = rows(TIME)
     y = x @ [1.0, 2.0, size] + 0.1 * rng.normal(size=TIME.size)
     fits = study([TIME], [y[:, None]], lambda t, k: rows(t), [free(n) for n in "abc"], 2)
-    common = Blocks.of(fits[-1])
-    blocks = list(common.folds)
-    assert len(blocks) == MORE_BLOCKS
-    assert sorted(np.concatenate(blocks).tolist()) == list(range(TIME.size))
+    common = Folds.of(fits[-1])
+    blocks = [block for fold in common.blocks for block in fold]
+    assert (len(common.folds), len(blocks)) == (FOLDS, BLOCKS)
+    assert np.concatenate(blocks).tolist() == list(range(TIME.size))  # each fold is one stretch of time
     for fitted, columns in zip(fits, ([0, 1, 2], [0, 1]), strict=True):
-        exact = 0.1**2 * squares_without(x[:, columns] / 0.1, y / 0.1, blocks)
+        exact = 0.1**2 * squares_without(x[:, columns] / 0.1, y / 0.1, common.blocks)
         np.testing.assert_allclose(newton_errors(fitted, common)[:, 0], exact, rtol=1e-6)
         np.testing.assert_allclose(refitted_errors(fitted, common, EXACT)[:, 0], exact, rtol=1e-6)
 
 
-def test_a_block_is_left_out_of_all_outputs_each_counted_alone():
+def test_a_fold_is_left_out_of_all_outputs_each_counted_alone():
     rng = np.random.default_rng(4)
     x = np.concatenate([rows(TIME) / 0.1, -2.0 * rows(TIME)[:, ::-1] / 0.4])
     noisy = x @ [1.0, 2.0, 0.1] + rng.normal(size=2 * TIME.size)
     y = np.stack([noisy[: TIME.size] * 0.1, noisy[TIME.size :] * 0.4], axis=-1)
     fits = study([TIME], [y], lambda t, k: -2.0 * rows(t)[:, ::-1] if k else rows(t), [free(n) for n in "abc"], 2)
-    common = Blocks.of(fits[-1])
-    exact = squares_without(x, noisy, common.folds)
+    common = Folds.of(fits[-1])
+    exact = squares_without(x, noisy, common.blocks)
     for found in (newton_errors(fits[0], common), refitted_errors(fits[0], common, EXACT)):
         np.testing.assert_allclose((found / np.square([0.1, 0.4])).sum(axis=1), exact, rtol=1e-6)
     assert common.outputs == ("y", "z")
@@ -110,10 +110,10 @@ def test_one_of_three_recordings_is_left_out_and_its_offset_stays():
     y = x @ [1.0, 2.0, 0.3, -1.0, 0.5, 2.0] + rng.normal(size=whole.size)
     parameters = [*(free(n) for n in "abc"), *(free(f"o{e}", e) for e in range(3))]
     (fitted, _) = fits = study(times, [part[:, None] * 0.1 for part in np.split(y, 3)], design, parameters, 2)
-    common = Blocks.of(fits[-1])
+    common = Folds.of(fits[-1])
     assert [fold.tolist() for fold in common.folds] == np.arange(whole.size).reshape(3, -1).tolist()
     p = np.linalg.solve(x.T @ x + np.eye(6) / PRIOR_SD**2, x.T @ y)
-    exact = 0.1**2 * squares_without(x[:, :3], y - x[:, 3:] @ p[3:], common.folds)
+    exact = 0.1**2 * squares_without(x[:, :3], y - x[:, 3:] @ p[3:], common.blocks)
     np.testing.assert_allclose(newton_errors(fitted, common)[:, 0], exact, rtol=1e-5)
     np.testing.assert_allclose(refitted_errors(fitted, common, EXACT)[:, 0], exact, rtol=1e-5)
 
@@ -132,9 +132,12 @@ def test_a_term_that_is_not_there_does_not_predict_clearly_better():
 
 
 def table(**errors):
-    """A table of squared errors (blocks, outputs) by term; ``least`` counts as none."""
+    """A table of squared errors (blocks, outputs) by term, the last one also those of the first model.
+
+    ``least`` counts as none."""
     least = np.array(errors.pop("least", [0.0]))
     rows = {(k,): Row((k,), np.asarray(e), 1) for k, e in errors.items()}
+    rows[()] = Row((), list(rows.values())[-1].errors, 0)
     return Table(("y", "z")[: least.size], least, {}, {}, (), rows)
 
 

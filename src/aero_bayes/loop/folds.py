@@ -1,13 +1,14 @@
-"""Squared errors on readings that were left out: the one measure by which structures are compared.
+"""Squared errors on training readings that were left out: the first of the two witnesses of a structure.
 
-All structures are held against the same blocks of readings. One Newton step, simulated, ranks all of them; it is wrong
-where a block decides a parameter, so what the decision hangs on is fitted again without each block.
+A fold, a fifth of a recording or a whole one, is left out at a time: short ones ask for interpolation, which flexible
+terms do well. Blocks within a fold give the standard error. One Newton step, simulated, ranks all structures; it is
+wrong where a fold decides a parameter, so what the decision hangs on is fitted again without each fold.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 
@@ -18,15 +19,13 @@ from aero_bayes.arrays import FloatArray
 from aero_bayes.errors import CannotFinishError
 from aero_bayes.estimate.laplace import MIN_BLOCK_READINGS, LinearisedFit, blocks_of_time
 from aero_bayes.estimate.local_fit import LocalFitSettings, local_fit
-from aero_bayes.estimate.noise import OutputNoise
 from aero_bayes.estimate.objective import Objective, Series
 from aero_bayes.loop.models import FittedModel
 
 Readings = NDArray[np.int_]
 
-#: Blocks of time that are left out in turn, and those of few readings, of which less is clear and a fit costs less.
-#: Fewer say nothing of the spread, more cost a fit each.
-BLOCKS, MORE_BLOCKS, FEW_READINGS = 10, 20, 2000
+#: Folds of the readings, at least two of a recording, and blocks of all folds together, which give the standard error.
+FOLDS, BLOCKS = 5, 20
 #: Recordings from which on whole ones are left out: of two, the one that is left says too little alone.
 MIN_WHOLE_RECORDINGS = 3
 #: Error that counts as none, as a share of an output's range: the accuracy of the solver in a search.
@@ -36,33 +35,38 @@ MAX_RISE = 1.05
 
 
 @dataclass(frozen=True, eq=False)
-class Blocks:
+class Folds:
     """The readings (columns of the whitened slopes) that are left out in turn, the same for all structures.
 
-    ``owner`` (N,) is the output of each reading, ``least`` (m,) the squared error that counts as none."""
+    Each fold is a sequence of blocks. ``owner`` (N,) is the output of each reading, ``least`` (m,) the squared error
+    that counts as none."""
 
     outputs: tuple[str, ...]
-    folds: tuple[Readings, ...]
+    blocks: tuple[tuple[Readings, ...], ...]
     owner: Readings
     least: FloatArray
     whole: bool
 
+    @property
+    def folds(self) -> tuple[Readings, ...]:
+        """The readings of each fold."""
+        return tuple(np.concatenate(blocks) for blocks in self.blocks)
+
     @classmethod
-    def of(cls, first: FittedModel) -> Blocks:
+    def of(cls, first: FittedModel) -> Folds:
         """Cut the readings so that the parameters of the first model do not hang on one block.
 
-        Blocks of time hold equal shares of readings and of leverage. Of three recordings each is one block."""
+        Blocks of time hold equal shares of readings and of leverage. Of three recordings each is one fold."""
         objective, calibration = first.model.objective, first.model.objective.calibration
         series, free = objective.series, first.optimum.free
-        recordings = sorted({s.experiment for s in series})
-        whole = len(recordings) >= MIN_WHOLE_RECORDINGS
+        count = len({s.experiment for s in series})
+        whole = count >= MIN_WHOLE_RECORDINGS
         leverage = LinearisedFit.of(first.optimum, objective.parameters, range(len(free))).leverage
         leverage = leverage if np.all(np.isfinite(leverage)) else np.zeros(objective.readings)
-        blocks = MORE_BLOCKS if objective.readings <= FEW_READINGS else BLOCKS
-        count = max(blocks // len(recordings), 1)
-        folds: list[Readings] = []
-        for cells in blocks_of_time(series, leverage, count, MIN_BLOCK_READINGS):
-            folds += [np.concatenate(cells)] if whole else cells
+        folds: list[tuple[Readings, ...]] = []
+        for blocks in blocks_of_time(series, leverage, max(BLOCKS // count, 1), MIN_BLOCK_READINGS):
+            own = 1 if whole else min(len(blocks), max(2, -(-FOLDS // count)))
+            folds += [tuple(blocks[k] for k in part) for part in np.array_split(np.arange(len(blocks)), own)]
         outputs = objective.outputs
         owner = np.repeat([outputs.index(s.output) for s in series], [s.sampling.size for s in series])
         scale = [float(calibration.data.scale[calibration.data.outputs.index(o)]) for o in outputs]
@@ -85,75 +89,83 @@ class Blocks:
         return self.score(fitted.optimum.whitened.residual, fitted.noise)
 
     def moving(self, fitted: FittedModel) -> list[int]:
-        """Places among the free columns of those that move when a block is left out.
+        """Places among the free columns of those that move when a fold is left out.
 
         Initial values and delays of a recording stay where it is left out whole: nothing else determines them."""
         items = fitted.model.objective.parameters.items
         return [k for k, j in enumerate(fitted.optimum.free) if not self.whole or items[j].recording is None]
 
 
-def newton_errors(fitted: FittedModel, blocks: Blocks) -> FloatArray:
-    """Squared errors (blocks, m) of each block, predicted after one Newton step without it.
+def newton_errors(fitted: FittedModel, folds: Folds) -> FloatArray:
+    """Squared errors (blocks, m) of each block, predicted after one Newton step without its fold.
 
     Where the step leaves more of the other readings than the fit to all does, the errors of the fit stand."""
     optimum, objective = fitted.optimum, fitted.model.objective
     residual, found = optimum.whitened.residual, []
-    for fold, row in zip(blocks.folds, objective.residuals(_newton_points(fitted, blocks)), strict=True):
+    rows = objective.residuals(_newton_points(fitted, folds))
+    for blocks, fold, row in zip(folds.blocks, folds.folds, rows, strict=True):
         moved = residual if row is None else objective.whiten(row, optimum.noise).residual
         with np.errstate(over="ignore"):
             before, after = (float(np.sum(np.delete(r, fold) ** 2)) for r in (residual, moved))
-        found.append(blocks.sums(moved if after <= MAX_RISE * before else residual, fold))
+        found += [folds.sums(moved if after <= MAX_RISE * before else residual, block) for block in blocks]
     return np.array(found) * fitted.noise**2
 
 
-def refitted_errors(fitted: FittedModel, blocks: Blocks, settings: LocalFitSettings) -> FloatArray:
-    """Squared errors (blocks, m) of each block, predicted by a fit to all other readings; infinite where it fails.
+def refitted_errors(
+    fitted: FittedModel,
+    folds: Folds,
+    settings: LocalFitSettings,
+    stop: Callable[[int, float], bool] = lambda iteration, cost: False,
+) -> FloatArray:
+    """Squared errors (blocks, m) of each block, predicted by a fit without its fold; infinite where it fails.
 
+    CannotFinishError where it had to ``stop``: a fit that is not done says nothing of a structure.
     Where a simulation after the Newton step is what was predicted, as closely as a fit would end, it is that fit."""
     optimum, own = fitted.optimum, fitted.model.objective
-    moving = blocks.moving(fitted)
+    moving = folds.moving(fitted)
     columns, slopes = [optimum.free[k] for k in moving], optimum.whitened.slopes[moving]
     residual, found = optimum.whitened.residual, []
-    points = _newton_points(fitted, blocks)
-    for fold, point, row in zip(blocks.folds, points, own.residuals(points), strict=True):
+    points = _newton_points(fitted, folds)
+    for blocks, fold, point, row in zip(folds.blocks, folds.folds, points, own.residuals(points), strict=True):
         moved = residual if row is None else own.whiten(row, optimum.noise).residual
         with np.errstate(over="ignore"):
             predicted = residual - (point - optimum.coordinates)[columns] @ slopes
             is_linear = row is not None and float(np.sum((moved - predicted) ** 2)) <= settings.local.tolerance
             better = float(np.sum(np.delete(moved, fold) ** 2)) < float(np.sum(np.delete(residual, fold) ** 2))
         if not is_linear:
-            moved = _refit(own, fold, point if better else optimum.coordinates, columns, optimum.noise, settings)
-        found.append(blocks.sums(moved, fold))
+            moved = _refit(fitted, fold, point if better else optimum.coordinates, columns, settings, stop)
+        found += [folds.sums(moved, block) for block in blocks]
+        if stop(0, 0.0):
+            raise CannotFinishError("the time limit was reached")
     return np.array(found) * fitted.noise**2
 
 
 def _refit(
-    own: Objective,
-    fold: Readings,
-    start: FloatArray,
-    columns: list[int],
-    noise: Mapping[str, OutputNoise],
-    settings: LocalFitSettings,
-) -> FloatArray:
+    fitted: FittedModel, fold: Readings, start: FloatArray, columns: list[int], settings: LocalFitSettings,
+    stop: Callable[[int, float], bool],
+) -> FloatArray:  # fmt: skip
     """Whitened residual (N,) of all readings after a fit without some; infinite where that fails."""
+    own, noise = fitted.model.objective, fitted.optimum.noise
     with suppress(CannotFinishError):
-        held = replace(settings, hold_noise=True)
-        end = local_fit(_without(own, fold), start, columns, noise=noise, settings=held)
+        end = local_fit(
+            _without(own, fold), start, columns, noise=noise, settings=replace(settings, hold_noise=True),
+            on_iteration=stop,
+        )  # fmt: skip
         there = own.residuals(end.coordinates[np.newaxis])[0]
         if there is not None:
             return own.whiten(there, noise).residual
     return np.full(own.readings, math.inf)
 
 
-def _newton_points(fitted: FittedModel, blocks: Blocks) -> FloatArray:
-    """Search coordinates (blocks, p) after the Newton step of a fit without each block, kept in the bounds."""
-    optimum, moving = fitted.optimum, blocks.moving(fitted)
+def _newton_points(fitted: FittedModel, folds: Folds) -> FloatArray:
+    """Search coordinates (folds, p) after the Newton step of a fit without each fold, kept in the bounds."""
+    optimum, moving = fitted.optimum, folds.moving(fitted)
     parameters = fitted.model.objective.parameters
     columns, linear = [optimum.free[k] for k in moving], LinearisedFit.of(optimum, parameters, moving)
     low, high = (bound[columns] for bound in parameters.box)
-    rows = np.repeat(optimum.coordinates[np.newaxis], len(blocks.folds), axis=0)
+    rows = np.repeat(optimum.coordinates[np.newaxis], len(folds.folds), axis=0)
     if columns:
-        for row, left in zip(rows, linear.without(blocks.folds), strict=True):
+        for row, left in zip(rows, linear.without(folds.folds), strict=True):
             row[columns] = np.clip(row[columns] + left.step, low, high)
     return rows
 

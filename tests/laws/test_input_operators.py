@@ -1,0 +1,220 @@
+"""Laws that are first at a recorded input act on its signal: beside the same laws in the equations, and closed form."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from aero_bayes.modelica.embedded import export_flat
+from aero_bayes.simulation.engines import open_simulator
+from aero_bayes.simulation.interface import (
+    DelayTarget,
+    Experiment,
+    InputSignal,
+    Interpolation,
+    Outcome,
+    ParameterTarget,
+    Problem,
+    ProcessNoise,
+    SolverSettings,
+    StartTarget,
+)
+from aero_bayes.simulation.model import Model
+from aero_bayes.simulation.native_simulator import operators_in_use
+from aero_bayes.simulation.workers import WorkerPool
+from aero_bayes.structure.candidates import place_laws
+from aero_bayes.structure.compose import compose_laws
+from aero_bayes.structure.law_places import LawPlaces
+from aero_bayes.structure.modelica_family import ModelicaFamily
+
+SOURCE = """model Arm "A rotor on a spring, and a shunt through which its drive is read"
+  parameter Real k(min = 0) = 40;
+  input Real u;
+  input Real wind;
+  output Real angle;
+  output Real shunt = 0.5 * u + 0.1 * v;
+  Real x(start = 0.2, fixed = true);
+  Real v(start = 0, fixed = true);
+equation
+  der(x) = v;
+  der(v) = u + wind - k * x - 1.5 * v;
+  angle = x;
+end Arm;
+"""
+TIME = np.linspace(0.0, 8.0, 401)
+STATIC = (
+    "curve",
+    "dead_zone",
+    "dead_zone_by_side",
+    "gain",
+    "offset",
+    "saturation",
+    "saturation_by_side",
+    "square_law",
+)
+
+
+@pytest.fixture(scope="module")
+def here() -> Iterator[WorkerPool]:
+    with WorkerPool(0) as pool:
+        yield pool
+
+
+@pytest.fixture(scope="module")
+def arm(tmp_path_factory: pytest.TempPathFactory) -> ModelicaFamily:
+    folder = tmp_path_factory.mktemp("arm")
+    (folder / "Arm.mo").write_text(SOURCE, encoding="utf-8")
+    return placed_family("Arm", folder / "Arm.mo")
+
+
+def placed_family(name: str, source: Path) -> ModelicaFamily:
+    found = ModelicaFamily(LawPlaces(name, (source,)), source.parent / "built")
+    sizes = {"u_n": 1.5, "t_n": 0.4, "v_n": 0.5, "x_n": 0.3, "x_w": 0.3, "f_n": 2.0}
+    ports = {p.id: sizes for p in found.places.ports}
+    for placed in place_laws(found.places.candidates, found.places.taken_names(), ports, free_starts=True):
+        found.placed[placed.id] = placed
+    return found
+
+
+def values_of(found: ModelicaFamily, id_: str) -> dict[str, float]:
+    """Of the parameters of a law: where a search starts; starts somewhere beside zero."""
+    placed = found.placed[id_]
+    values = {p.name: placed.limits(p)["nominal"] for p in placed.parameters()}
+    return {placed.names[name]: 0.1 if name.startswith("start") else value for name, value in values.items()}
+
+
+def inside(found: ModelicaFamily, ids: list[str], out: Path) -> Model:
+    """The model with laws in its equations, as they are written."""
+    placed = [found.placed[id_] for id_ in ids]
+    return Model.load(export_flat(compose_laws(found.places.flat, placed, found.places.law_models), out))
+
+
+def signals(interpolation: Interpolation) -> tuple[InputSignal, ...]:
+    smooth = 1.8 * np.sin(1.7 * TIME) + 0.9 * np.sin(7.3 * TIME + 1.0)
+    held = np.repeat(np.random.default_rng(5).uniform(-2.0, 2.0, 41), 10)[: TIME.size]
+    u = smooth if interpolation == "linear" else held
+    return InputSignal("u", TIME, u, interpolation), InputSignal("wind", TIME, np.cos(TIME), "linear")
+
+
+def posed(model: Model, given: dict[str, float], interpolation: Interpolation) -> Problem:
+    targets = (*map(ParameterTarget, given), StartTarget("angle"), DelayTarget("u"))
+    experiment = Experiment(TIME, ("angle", "shunt"), signals(interpolation))
+    return Problem(model, (experiment,), (targets,), settings=SolverSettings(1e-9, 1e-9, 400_000, 60.0))
+
+
+def run(problem: Problem, given: dict[str, float], pool: WorkerPool, delay: float = 0.013):
+    values = np.array([[*given.values(), 0.2, delay]])
+    with open_simulator(problem, pool=pool) as simulator:
+        found = simulator.simulate(values, active=range(values.size))
+    assert found.outcomes[0, 0] == Outcome.OK
+    return found.outputs[0][0], found.sensitivities[0][0]
+
+
+@pytest.mark.parametrize("law", STATIC)
+@pytest.mark.parametrize(("interpolation", "tolerance"), [("hold", 1e-6), ("linear", 1e-4)])
+def test_a_static_law_at_a_recorded_input_is_the_written_law(law, interpolation, tolerance, arm, here, tmp_path):
+    id_ = f"{law}@u"
+    given = values_of(arm, id_)
+    offer = arm.with_candidates([id_]).model
+    problem = posed(offer, given, interpolation)
+    assert [o.input for o in operators_in_use(problem)] == ["u"]
+    y, slopes = run(problem, given, here)
+    expected, expected_slopes = run(posed(inside(arm, [id_], tmp_path / "in.fmu"), given, interpolation), given, here)
+    assert np.all(np.abs(y - expected).max(axis=0) <= tolerance * np.ptp(expected, axis=0))
+    size = np.abs(expected_slopes).max(axis=0)
+    assert np.all(np.abs(slopes - expected_slopes).max(axis=0) <= 50.0 * tolerance * size + 1e-9)
+
+
+@pytest.mark.parametrize(("interpolation", "tolerance"), [("hold", 1e-6), ("linear", 1e-4)])
+def test_laws_one_behind_the_other_act_as_one(interpolation, tolerance, arm, here, tmp_path):
+    ids = [id_ for id_ in arm.placed if id_ in ("dead_zone@u", "gain@u", "saturation@u")]
+    given = {name: x for id_ in ids for name, x in values_of(arm, id_).items()}
+    problem = posed(arm.with_candidates(ids).model, given, interpolation)
+    assert [set(o.parameters) for o in operators_in_use(problem)] == [set(given)]
+    y, slopes = run(problem, given, here)
+    expected, expected_slopes = run(posed(inside(arm, ids, tmp_path / "in.fmu"), given, interpolation), given, here)
+    assert np.all(np.abs(y - expected).max(axis=0) <= tolerance * np.ptp(expected, axis=0))
+    size = np.abs(expected_slopes).max(axis=0)
+    assert np.all(np.abs(slopes - expected_slopes).max(axis=0) <= 50.0 * tolerance * size + 1e-9)
+
+
+def test_a_law_with_states_behind_the_first_one_stays_in_the_equations(arm, here, tmp_path):
+    ids = [id_ for id_ in arm.placed if id_ in ("dead_zone@u", "lag@u", "viscous_friction@v")]
+    given = {name: x for id_ in ids for name, x in values_of(arm, id_).items()}
+    offer = arm.with_candidates(ids).model
+    one = run(posed(offer, given, "linear"), given, here)
+    other = run(posed(inside(arm, ids, tmp_path / "in.fmu"), given, "linear"), given, here)
+    np.testing.assert_allclose(one[0], other[0], atol=1e-4 * np.ptp(other[0]))
+
+
+def test_an_input_that_is_not_recorded_keeps_its_law_in_the_equations(arm, here):
+    given = values_of(arm, "offset@u")
+    offer = arm.with_candidates(["offset@u"]).model
+    problem = posed(offer, given, "hold")
+    (experiment,) = problem.experiments
+    bare = replace(
+        problem,
+        experiments=(replace(experiment, inputs=()),),
+        targets=(tuple(None if isinstance(t, DelayTarget) else t for t in problem.targets[0]),),
+    )
+    assert not operators_in_use(bare)
+    y, _ = run(bare, given, here)
+    ((_, offset),) = given.items()
+    speed = np.gradient(y[:, 0], TIME, edge_order=2)
+    np.testing.assert_allclose(y[:, 1] - 0.5 * offset, 0.1 * speed, atol=2e-3)
+    assert not operators_in_use(replace(problem, process=ProcessNoise({"v": 0.1})))
+
+
+@pytest.mark.parametrize("law", ["dead_zone@u", "saturation@shunt"])
+@pytest.mark.parametrize("interpolation", ["hold", "linear"])
+def test_what_is_linear_beside_a_static_law_is_exact_at_any_tolerance(law, interpolation, arm, here):
+    """A law before the equations, or behind them, does not make them nonlinear."""
+    given = values_of(arm, law)
+    problem = posed(arm.with_candidates([law]).model, given, interpolation)
+    exact, exact_slopes = run(problem, given, here)
+    y, slopes = run(replace(problem, settings=SolverSettings(1e-3, 1e-3)), given, here)
+    np.testing.assert_allclose(y, exact, atol=1e-9 * np.ptp(exact))
+    np.testing.assert_allclose(slopes, exact_slopes, atol=1e-7 * np.abs(exact_slopes).max())
+
+
+INTEGRATOR = """model Tank
+  input Real u;
+  output Real level = h;
+  Real h(start = 0, fixed = true);
+equation
+  der(h) = u;
+end Tank;
+"""
+
+
+def test_an_integrator_collects_exactly_what_a_dead_zone_lets_through(here, tmp_path):
+    """Over a triangle between -2 and 2, by the antiderivative of the rounded dead zone."""
+    (tmp_path / "Tank.mo").write_text(INTEGRATOR, encoding="utf-8")
+    found = placed_family("Tank", tmp_path / "Tank.mo")
+    model = found.with_candidates(["dead_zone@u"]).model
+    time = np.arange(0.0, 9.0)
+    u = np.array([-2.0, 2.0, -2.0, 1.1, 1.1, -0.3, 0.2, 2.0, 0.9])
+    experiment = Experiment(time, ("level",), (InputSignal("u", time, u, "linear"),))
+    width, smooth = 0.7, 1e-3 * 1.5
+    problem = Problem(model, (experiment,), ((ParameterTarget("u_d"),),), settings=SolverSettings(1e-9, 1e-9))
+    with open_simulator(problem, pool=here) as simulator:
+        found_level = simulator.simulate(np.array([[width]]), active=[0])
+
+    def integral(x: np.ndarray) -> np.ndarray:
+        def of_root(z: np.ndarray) -> np.ndarray:
+            return 0.5 * (z * np.hypot(z, smooth) + smooth**2 * np.arcsinh(z / smooth))
+
+        return 0.5 * x**2 + 0.5 * (of_root(x - width) - of_root(x + width))
+
+    def law(x: np.ndarray) -> np.ndarray:
+        return x + 0.5 * (np.hypot(x - width, smooth) - np.hypot(x + width, smooth))
+
+    rising = np.diff(u)
+    flat = rising == 0.0
+    mean = np.where(flat, law(u[:-1]), np.diff(integral(u)) / np.where(flat, 1.0, rising))
+    expected = np.concatenate([[0.0], np.cumsum(mean)])
+    np.testing.assert_allclose(found_level.outputs[0][0, :, 0], expected, atol=1e-5)
