@@ -1,11 +1,18 @@
 """A start that the model fixes and the recordings contradict is named before any law."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from closed_form import held
 
+from aero_bayes import FitSettings, fit
 from aero_bayes.data import Recording
+from aero_bayes.estimate.initial_states import held_start
 from aero_bayes.loop import LoopSettings, close_loop
+from aero_bayes.simulation.engines import open_simulator
+from aero_bayes.structure.law_places import LawPlaces
+from aero_bayes.structure.modelica_family import ModelicaFamily
 
 ROOM = """model Room
   parameter Real C_a(unit = "J/K", min = 0) = 8e5;
@@ -50,3 +57,18 @@ def test_a_wall_that_starts_warmer_than_the_model_says_is_no_law(tmp_path):
     assert result.parameters["C_w"].value == pytest.approx(1e7, rel=0.03)
     # the other day's own start is estimated from its validation half
     assert result.predicted_after.pooled("test")["T"] < 1.2 * 0.02
+
+
+def test_a_start_is_that_of_its_state_where_a_law_acts_on_the_reading(tmp_path):
+    (tmp_path / "Room.mo").write_text(ROOM, encoding="utf-8")
+    family = ModelicaFamily(LawPlaces("Room", (tmp_path / "Room.mo",)), tmp_path / "fmu")
+    base = family.base_model()
+    found = fit([heated("a", 11, 2.0)], base, parameters=["C_a"], settings=FitSettings("local"), workers=0)
+    family.prepare(found.calibration, found.optimum, open_simulator)
+    air, wall = (held_start(base, s, 1.0, "", 0) for s in sorted(base.states, key=lambda s: s.name))
+    lagging = family.with_candidates(["lag@output_T"]).model
+    moved, same = family.starts_on([replace(air, starts=("T",)), wall], base, lagging)
+    names = {state.name for state in lagging.states}
+    assert {moved.target.state, *moved.starts, same.target.state} <= names
+    assert moved.target.state == moved.starts[0] == "T_unread"
+    assert same == wall

@@ -18,6 +18,7 @@ from aero_bayes.estimate.calibration import Calibration, recording_suffix
 from aero_bayes.estimate.held_values import searched_too, slopes_beside
 from aero_bayes.estimate.initial_states import held_start, state_sizes
 from aero_bayes.estimate.local_fit import OpenSimulator
+from aero_bayes.estimate.other_reading import told_fit
 from aero_bayes.estimate.parameters import Parameter
 from aero_bayes.estimate.result import Fit
 from aero_bayes.simulation.interface import StartTarget
@@ -54,9 +55,7 @@ def with_start_finding(fit: Fit, fitted: Callable[[Calibration], Fit], open_simu
             wider = searched_too(fit.calibration, own)
             again = fitted(replace(wider, data=wider.data.thinned(SAMPLES)))
             if finding := _finding(fit, again, state, own):
-                data = fit.calibration.data
-                told = tuple(replace(r, findings=(finding, *r.findings)) for r in data.recordings)
-                return replace(fit, calibration=replace(fit.calibration, data=replace(data, recordings=told)))
+                return told_fit(fit, finding)
     return fit
 
 

@@ -68,7 +68,12 @@ def with_finding(fit: Fit, reading: Reading, again: Fit) -> Fit:
     values = join_names([f"{p.name} = {with_unit(f'{again[p.name].value:.4g}', p.unit)}" for p in own])
     then = f", and {values}" if values else ""
     what = f"{reading.what}, the residual of {output} falls from {before} to {after}{then}."
-    finding = DataFinding(reading.kind, data.names[0], reading.channel, what, where, reading.done, False)
+    return told_fit(fit, DataFinding(reading.kind, data.names[0], reading.channel, what, where, reading.done, False))
+
+
+def told_fit(fit: Fit, finding: DataFinding) -> Fit:
+    """Return the fit with a finding at its recordings."""
+    data = fit.calibration.data
     told = tuple(replace(r, findings=(finding, *r.findings)) for r in data.recordings)
     return replace(fit, calibration=replace(fit.calibration, data=replace(data, recordings=told)))
 

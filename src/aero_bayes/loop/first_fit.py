@@ -20,6 +20,7 @@ from aero_bayes.estimate.calibration import Calibration, for_recordings
 from aero_bayes.estimate.finished_fit import finished_fit
 from aero_bayes.estimate.fit import declared_overrides, fit
 from aero_bayes.estimate.global_search import GlobalSearch, GlobalSearchResult
+from aero_bayes.estimate.held_values import with_held_beside
 from aero_bayes.estimate.initial_states import with_free_starts
 from aero_bayes.estimate.levenberg_marquardt import FitSettings
 from aero_bayes.estimate.local_fit import GOOD_FIT_RATIO, Optimum
@@ -209,7 +210,7 @@ class FirstFit:
         """The same recordings held against the model with terms; ``new`` are their parameters.
 
         The starts of states that the terms brought have a value in each recording."""
-        moved = context.family.transfer(self.plain, model)
+        moved, new = context.family.transfer(self.plain, model), context.family.starts_on(new, self.plain.model, model)
         known = set(moved.parameters.names)
         own = for_recordings(
             ParameterSet(tuple(p for p in new if p.name not in known)), model, context.recordings.fitted
@@ -288,7 +289,8 @@ def refitted(context: LoopContext, calibration: Calibration, values: FloatArray,
         search = GlobalSearch(objective, context.settings.fitting)
         end = search.refit(objective.parameters.to_search(values), like.free, like.noise)
         result = GlobalSearchResult(end, None, (), search.iterations)
-        return finished_fit(search, result, context.settings.fitting, time.perf_counter() - began)
+        found = finished_fit(search, result, context.settings.fitting, time.perf_counter() - began)
+    return with_held_beside(found, context.open)
 
 
 def beginning_share(rows: Sequence[int], series: Sequence[Series], fitted: Whitened) -> float:

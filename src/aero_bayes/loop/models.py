@@ -170,7 +170,8 @@ class ModelSource:
         offer = self.family.with_candidates(laws)
         parts = [*offer.terms]
         for id_ in sorted(t for t in terms if t in self.held):
-            parts.append((held_candidate(id_, self.held[id_]), (replace(self.held[id_], free_if_identified=False),)))
+            held = replace(self.held[id_], free_if_identified=False)
+            parts.append((held_candidate(id_, held), self.family.starts_on([held], self.plain.model, offer.model)))
         calibration = self.family.transfer(self.plain, offer.model)
         candidates: dict[str, CandidateTerm] = {}
         for candidate, own in parts:

@@ -6,10 +6,10 @@ from contextlib import suppress
 from dataclasses import replace
 
 from aero_bayes.errors import InputError
-from aero_bayes.estimate.calibration import Calibration
-from aero_bayes.estimate.initial_states import held_start, state_sizes
+from aero_bayes.estimate.calibration import Calibration, recording_suffix
+from aero_bayes.estimate.held_starts import held_starts
 from aero_bayes.estimate.parameters import Parameter, parameters_from_model
-from aero_bayes.simulation.interface import ParameterTarget, StartTarget
+from aero_bayes.simulation.interface import ParameterTarget
 from aero_bayes.structure.law_places import START, VALUE, CandidateFilter
 from aero_bayes.structure.modelica_family import CandidateTerm
 
@@ -35,19 +35,16 @@ def held_values(plain: Calibration, narrowed: CandidateFilter) -> dict[str, Para
         return p.free_if_identified or narrowed.accepts(f"{VALUE}{p.name}", "value", p.name)
 
     values = {f"{VALUE}{p.name}": p for p in found[:MOST_VALUES] if wanted(p)}
-    return values | {i: p for i, p in held_starts(plain).items() if narrowed.accepts(i, "start", i.removeprefix(START))}
+    starts = _shared_starts(plain)
+    return values | {i: p for i, p in starts.items() if narrowed.accepts(i, "start", i.removeprefix(START))}
 
 
-def held_starts(plain: Calibration) -> dict[str, Parameter]:
-    """The starts of states that the model fixes: neither fitted, nor read, nor set by a parameter that is fitted."""
-    model, experiments = plain.model, plain.data.experiments
-    known = {p.target.state for p in plain.parameters if isinstance(p.target, StartTarget)}
-    known |= {name for e in experiments for name in e.start} | {name for p in plain.parameters for name in p.starts}
-    states = [state for state in model.states if state.name not in known][:MOST_VALUES]
-    sizes = state_sizes(model, experiments[0], states)
+def _shared_starts(plain: Calibration) -> dict[str, Parameter]:
+    """The starts of states that the model fixes, by the ids of their terms: one for all recordings."""
+    end = recording_suffix(plain.data.recordings, 0)
     return {
-        f"{START}{s.name}": replace(held_start(model, s, sizes[s.name], "", 0), recording=None, starts=(s.name,))
-        for s in states
+        f"{START}{state}": replace(own[0], name=own[0].name.removesuffix(end), recording=None, starts=(state,))
+        for state, own in list(held_starts(plain).items())[:MOST_VALUES]
     }
 
 

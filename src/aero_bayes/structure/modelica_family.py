@@ -111,16 +111,22 @@ def calibration_on(calibration: Calibration, model: Model, names: Mapping[str, s
     data = calibration.data.with_experiments(
         replace(e, start=renamed(e.start), start_sd=renamed(e.start_sd)) for e in calibration.data.experiments
     )
-    parameters = tuple(
-        replace(p, target=replace(p.target, state=names.get(p.target.state, p.target.state)))
-        if isinstance(p.target, StartTarget | DiffusionTarget)
-        else p
-        for p in calibration.parameters
-    )
+    parameters = of_named_states(calibration.parameters, names)
     process = calibration.process
     if process is not None:
         process = replace(process, diffusion=renamed(process.diffusion))
     return replace(calibration, data=data, model=model, process=process, parameters=ParameterSet(parameters))
+
+
+def of_named_states(parameters: Iterable[Parameter], names: Mapping[str, str]) -> tuple[Parameter, ...]:
+    """Return parameters for a model in which some states have other ``names``."""
+    found = []
+    for p in parameters:
+        if isinstance(p.target, StartTarget | DiffusionTarget):
+            there = replace(p.target, state=names.get(p.target.state, p.target.state))
+            p = replace(p, target=there, starts=tuple(names.get(s, s) for s in p.starts))
+        found.append(p)
+    return tuple(found)
 
 
 #: Magnitudes to start from, in nominal values: of a law with further parameters, and of a law with the magnitude only.
@@ -397,6 +403,10 @@ class ModelicaFamily:
     def transfer(self, calibration: Calibration, model: Model) -> Calibration:
         """Return the calibration of the base model, for a member of the family. States get their names there."""
         return calibration_on(calibration, model, self._states_there(calibration.model, model))
+
+    def starts_on(self, held: Iterable[Parameter], base: Model, model: Model) -> tuple[Parameter, ...]:
+        """Return starts that the base model holds, for a member of the family; other parameters as they are."""
+        return of_named_states(held, self._states_there(base, model))
 
     def _states_there(self, base: Model, model: Model) -> Mapping[str, str]:
         """Return names in another model of states of a base model."""
