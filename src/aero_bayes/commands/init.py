@@ -18,10 +18,9 @@ from aero_bayes.commands.job import columns_of, layout_of, tell_notes, without_u
 from aero_bayes.config import Config
 from aero_bayes.data.read import column_names, read_recordings
 from aero_bayes.data.source import clocks_of, is_time_name
-from aero_bayes.display import join_names
 from aero_bayes.errors import InputError
 from aero_bayes.estimate.calibration import calibrate
-from aero_bayes.estimate.initial_states import CalibrationSettings, state_of
+from aero_bayes.estimate.initial_states import CalibrationSettings
 from aero_bayes.estimate.objective import Objective
 from aero_bayes.estimate.parameters import ParameterSet, parameters_from_model
 from aero_bayes.files import write_whole
@@ -221,19 +220,10 @@ def _head(name: str, files: Sequence[Path], out: Path, model: Model, data: Path,
         lines.append(f"{_key(signal)} = {{source = {_text(column)}{given}}}{doubt}")
     left = f"unused columns: {', '.join(matched.columns_left)}" if matched.columns_left else "no unused column"
     lines += [f'# {_key(s)} = {{source = "?"}}  # not matched, {left}' for s in matched.signals_left]
-    lines += ["", "[fit]", '# "reading": states start at the first reading; "estimated": fitted; "auto": by the model',
-              *_resting(model), 'initial_states = "estimated"', "", ""]  # fmt: skip
+    lines += ["", "[fit]", '# "reading": states start at the first reading; "estimated": all are fitted;',
+              '# "auto": those that are read are fitted, the others start where the model says',
+              'initial_states = "auto"', "", ""]  # fmt: skip
     return "\n".join(lines)
-
-
-def _resting(model: Model) -> list[str]:
-    """Say why states that the model starts at zero are fitted, too."""
-    seen = {state.name for v in model.outputs if (state := state_of(model, v.name)) is not None}
-    names = [s.name for s in model.states if not s.start and s.name not in seen]
-    if not names:
-        return []
-    return [f'# The model starts {join_names(names)} at 0. A recording may begin in motion, so that "estimated" fits',
-            '# that, too; if yours begins at rest, "auto" is surer.']  # fmt: skip
 
 
 def _signal_lines(role: str, variables: Sequence[Variable], matched: ColumnMatch) -> list[str]:

@@ -124,8 +124,8 @@ def check_data(fit: Fit, left: LeftOver) -> DiagnosisRow:
         )
     findings.sort(key=lambda f: f.mended)
     first, more = findings[0], tuple(f.sentence for f in findings[1:])
-    # Other values and constants may do what a missing effect does, so that effects are still looked for.
-    explains = not first.mended and first.kind not in ("value", "offset")
+    # Other values, constants and an input's noise may do what a missing effect does: effects are still looked for.
+    explains = not first.mended and first.kind not in ("value", "offset", "noise")
     return DiagnosisRow("data", True, first.what, first.where, first.done, explains, more)
 
 

@@ -25,6 +25,7 @@ from aero_bayes.estimate.global_search import GlobalSearch, GlobalSearchResult
 from aero_bayes.estimate.held_starts import with_start_finding
 from aero_bayes.estimate.held_values import with_held_beside
 from aero_bayes.estimate.initial_states import screened
+from aero_bayes.estimate.input_noise import with_input_noise
 from aero_bayes.estimate.levenberg_marquardt import FitSettings
 from aero_bayes.estimate.local_fit import OpenSimulator, Optimum
 from aero_bayes.estimate.misread import with_misread_finding
@@ -239,11 +240,11 @@ class _Request:
             return fit_calibration(other, opened, local, np.random.default_rng(self.seed))
 
         told = with_start_finding(found, fitted_again, here)
-        if told is not found:
-            return told  # a wrong start looks like a constant at a reading, too
-        return with_misread_finding(
-            found, lambda given: self.calibration(given, problem.model, problem.fixed), fitted_again, here
-        )
+        if told is found:  # a wrong start looks like a constant at a reading, too
+            told = with_misread_finding(
+                found, lambda given: self.calibration(given, problem.model, problem.fixed), fitted_again, here
+            )
+        return with_input_noise(found, here) if told is found else told
 
 
 def _likeliest(candidates: Sequence[ValueCombination], fitted: Callable[[ValueCombination], Fit]) -> Fit:
