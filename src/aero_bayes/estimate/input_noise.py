@@ -5,8 +5,7 @@ the fit; the responses of all samples add up in their squares. An input that tru
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -16,10 +15,9 @@ from aero_bayes.data.noise import noise_floor
 from aero_bayes.data.recording import Recording
 from aero_bayes.display import with_unit
 from aero_bayes.estimate.local_fit import OpenSimulator
-from aero_bayes.estimate.noise import autocorrelation
-from aero_bayes.estimate.other_reading import told_fit
+from aero_bayes.estimate.noise import autocorrelation, autocovariance
+from aero_bayes.estimate.other_reading import changed_outputs, told_fit
 from aero_bayes.estimate.result import Fit
-from aero_bayes.simulation.interface import Outcome
 
 #: Largest noise of an input, as a share of its standard deviation: what moves more by noise is an excitation.
 MOST_NOISE = 0.3
@@ -33,46 +31,41 @@ COMPARED, MAX_APART = 0.2, 0.35
 
 def with_input_noise(fit: Fit, open_simulator: OpenSimulator) -> Fit:
     """Return the fit with a finding where an input's own noise, passed through the model, is as large as a residual."""
-    data = fit.calibration.data
-    if fit.calibration.process is not None:
+    poor = [k for k, s in enumerate(fit.series) if fit.noise[s.output].model_error]
+    if fit.calibration.process is not None or not poor:
         return fit
-    for e, recording in enumerate(data.recordings):
-        for name, sd in _noisy_inputs(recording):
-            for k, series in enumerate(fit.series):
-                if series.experiment != e or not fit.noise[series.output].model_error:
-                    continue
-                size = _passed(fit, name, sd, k, open_simulator)
-                if size is not None:
-                    return _told(fit, recording, name, sd, series.output, size)
+    recordings = fit.calibration.data.recordings
+    for name in dict.fromkeys(s.name for e in fit.calibration.data.experiments for s in e.inputs):
+        known = {e: sd for e, r in enumerate(recordings) if name in r.inputs and (sd := _noise_of(r, name))}
+        pulse = PULSE * max(known.values(), default=0.0)
+        changes = changed_outputs(fit, name, partial(_with_pulse, pulse), open_simulator) if known else None
+        if changes is None:
+            continue
+        for k in poor:
+            series = fit.series[k]
+            if (sd := known.get(series.experiment)) and (size := _as_large(fit, k, name, changes[k] * sd / pulse)):
+                return _told(fit, recordings[series.experiment], name, sd, series.output, size)
     return fit
 
 
-def _noisy_inputs(recording: Recording) -> Iterator[tuple[str, float]]:
-    """Yield the inputs whose noise is known from their differences, and its standard deviation."""
-    for name, values in recording.inputs.items():
-        sd = noise_floor(values, recording.time).sd
-        if sd is not None and 0.0 < sd < MOST_NOISE * float(np.nanstd(values)):
-            yield name, sd
+def _noise_of(recording: Recording, name: str) -> float | None:
+    """Return the standard deviation of an input's noise where its differences show it."""
+    values = recording.inputs[name]
+    sd = noise_floor(values, recording.time).sd
+    return sd if sd is not None and sd < MOST_NOISE * float(np.nanstd(values)) else None
 
 
-def _passed(fit: Fit, name: str, sd: float, k: int, open_simulator: OpenSimulator) -> float | None:
-    """Return the RMS of an input's noise in a series, if that is as large and as correlated as its residual."""
-    series, data = fit.series[k], fit.calibration.data
-    experiment = data.experiments[series.experiment]
-    signal = next((s for s in experiment.inputs if s.name == name), None)
-    if signal is None or signal.time.size < 2:
-        return None
-    at = int(PULSE_AT * signal.time.size)
-    pulse = replace(signal, values=signal.values + PULSE * sd * (np.arange(signal.time.size) == at))
-    inputs = tuple(pulse if s is signal else s for s in experiment.inputs)
-    moved = [replace(e, inputs=inputs) if e is experiment else e for e in data.experiments]
-    with open_simulator(replace(fit.calibration, data=data.with_experiments(moved)).problem()) as simulator:
-        run = simulator.simulate(fit.values[np.newaxis])
-    if run.outcomes[0, series.experiment] != Outcome.OK:
-        return None
-    rows, residual = series.sampling.index, fit.optimum.evaluation.residual[k]
-    change = run.outputs[series.experiment][0, rows, series.column] - fit.optimum.evaluation.predicted[k]
-    response = change[series.sampling.time >= signal.time[at]] / PULSE
+def _with_pulse(size: float, values: FloatArray) -> FloatArray:
+    return np.asarray(values + size * (np.arange(values.size) == int(PULSE_AT * values.size)))
+
+
+def _as_large(fit: Fit, k: int, name: str, change: FloatArray) -> float | None:
+    """Return the RMS of an input's noise in a series, if that is as large and as correlated as its residual.
+
+    ``change`` (n,) is what a pulse of one standard deviation does."""
+    series, residual = fit.series[k], fit.optimum.evaluation.residual[k]
+    signal = next(s for s in fit.calibration.data.experiments[series.experiment].inputs if s.name == name)
+    response = change[series.sampling.time >= signal.time[int(PULSE_AT * signal.time.size)]]
     later = 1.0 - np.arange(response.size) / residual.size
     samples = signal.time.size / residual.size
     size = float(np.sqrt(samples * np.sum(later * response**2)))
@@ -82,11 +75,10 @@ def _passed(fit: Fit, name: str, sd: float, k: int, open_simulator: OpenSimulato
 
 def _as_correlated(response: FloatArray, residual: FloatArray) -> bool:
     """Return whether a residual is as correlated over time as white noise that passed a pulse response."""
-    lags = residual.size // 10
-    padded = np.fft.irfft(np.abs(np.fft.rfft(response, 2 * response.size)) ** 2)[:lags]
-    expected = padded / padded[0]
+    passed = autocovariance(response, 0.0)[: residual.size // 10]
+    expected = passed / passed[0]
     below = np.flatnonzero(expected < COMPARED)
-    count = max(int(below[0]), 2) if below.size else lags
+    count = max(int(below[0]), 2) if below.size else expected.size
     return bool(np.all(np.abs(autocorrelation(residual, count)[:count] - expected[:count]) < MAX_APART))
 
 

@@ -13,9 +13,10 @@ from aero_bayes.data.recording import Recording
 from aero_bayes.display import join_names, with_unit
 from aero_bayes.estimate.calibration import Calibration
 from aero_bayes.estimate.diagnosis import LeftOver
+from aero_bayes.estimate.local_fit import OpenSimulator
 from aero_bayes.estimate.measured_data import MeasuredData
 from aero_bayes.estimate.result import Fit
-from aero_bayes.simulation.interface import ParameterTarget
+from aero_bayes.simulation.interface import Outcome, ParameterTarget
 
 #: Factor by which a residual gets smaller at least where only noise is left then; no output gets worse.
 MIN_CLEAN_FACTOR, MIN_WORST = 1.5, 0.9
@@ -92,6 +93,23 @@ def scaled_rows(fit: Fit) -> tuple[FloatArray, FloatArray]:
     assert evaluation.slopes is not None
     residual = np.concatenate([r / size for r, size in zip(evaluation.residual, sd, strict=True)])
     return residual, np.concatenate([rows / size for rows, size in zip(evaluation.slopes, sd, strict=True)], axis=1)
+
+
+def changed_outputs(
+    fit: Fit, name: str, changed: Callable[[FloatArray], FloatArray], open_simulator: OpenSimulator
+) -> list[FloatArray] | None:
+    """Return by how much each series of a fit moves with an input's values changed; None where a run fails."""
+    data = fit.calibration.data
+    moved = data.with_experiments(
+        replace(e, inputs=tuple(replace(s, values=changed(s.values)) if s.name == name else s for s in e.inputs))
+        for e in data.experiments
+    )
+    with open_simulator(replace(fit.calibration, data=moved).problem()) as simulator:
+        run = simulator.simulate(fit.values[np.newaxis])
+    if np.any(run.outcomes != Outcome.OK):
+        return None
+    before = zip(fit.series, fit.optimum.evaluation.predicted, strict=True)
+    return [run.outputs[s.experiment][0, s.sampling.index, s.column] - predicted for s, predicted in before]
 
 
 def changed_columns(

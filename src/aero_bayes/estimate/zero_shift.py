@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -22,13 +22,13 @@ from aero_bayes.estimate.other_reading import (
     Reading,
     after_step,
     change_of,
+    changed_outputs,
     converted,
     explains_all,
     scaled_rows,
     with_finding,
 )
 from aero_bayes.estimate.result import Fit
-from aero_bayes.simulation.interface import Outcome
 
 #: Share of a residual's squares that may be left to first order for a refit to try the constant: half of the residual.
 MOST_LEFT = 0.25
@@ -112,17 +112,5 @@ def _effect(fit: Fit, channel: str, open_simulator: OpenSimulator) -> FloatArray
         return -np.concatenate(parts)
     values = np.concatenate([s.values for e in data.experiments for s in e.inputs if s.name == channel])
     step = INPUT_STEP * (float(np.ptp(values)) or float(np.max(np.abs(values))) or 1.0)
-
-    moved = data.with_experiments(
-        replace(e, inputs=tuple(replace(s, values=s.values + step * (s.name == channel)) for s in e.inputs))
-        for e in data.experiments
-    )
-    with open_simulator(replace(fit.calibration, data=moved).problem()) as simulator:
-        run = simulator.simulate(fit.values[np.newaxis])
-    if np.any(run.outcomes != Outcome.OK):
-        return None
-    rows = [
-        (run.outputs[s.experiment][0, s.sampling.index, s.column] - predicted) / (step * sd)
-        for s, predicted, sd in zip(fit.series, fit.optimum.evaluation.predicted, sds, strict=True)
-    ]
-    return np.concatenate(rows)
+    changes = changed_outputs(fit, channel, lambda v: v + step, open_simulator)
+    return None if changes is None else np.concatenate([c / (step * sd) for c, sd in zip(changes, sds, strict=True)])
