@@ -81,7 +81,10 @@ def same_as(row: Row, effect: Mapping[str, Any]) -> set[str]:
     """Return the id of an effect, and those that the program says do as well in its place."""
     name = effect["id"]
     alternatives = {one["id"] for one in effect.get("alternatives") or ()}
-    return {name, *alternatives, *(other for same in row["equivalent"] if name in same for other in same)}
+    found = {name, *alternatives, *(other for same in row["equivalent"] if name in same for other in same)}
+    # a law at like places, lag@T1+T2, is that law at each of them
+    laws = [other.partition("@") for other in found]
+    return found | {f"{law}@{place}" for law, _, places in laws if "+" in places for place in places.split("+")}
 
 
 def claims_law(effect: Mapping[str, Any]) -> bool:

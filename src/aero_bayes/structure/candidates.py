@@ -6,6 +6,7 @@ import math
 import re
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Self
 
 from aero_bayes.declared import PackageDeclaration
 from aero_bayes.errors import CannotFinishError, InputError
@@ -107,17 +108,28 @@ class Candidate:
     """A law that may act at a port.
 
     ``neighbour`` is the port that receives an exchanged or overflowing quantity, or the reaction of a force.
-    ``alias`` is a declared name."""
+    ``alias`` is a declared name. ``twins`` are the same law at like places, with the same parameters."""
 
     law: Law
     port: Port
     neighbour: Port | None = None
     alias: str = ""
+    twins: tuple[Self, ...] = ()
 
     @property
     def id(self) -> str:
-        """The alias, or ``law@port``."""
-        return self.alias or f"{self.law.id}@{self.port.id}"
+        """The alias, or ``law@port``; ``law@one+other`` with a twin."""
+        return self.alias or f"{self.law.id}@{self.place}"
+
+    @property
+    def parts(self) -> tuple[Self, ...]:
+        """It and its twins."""
+        return (self, *self.twins)
+
+    @property
+    def place(self) -> str:
+        """The ids of the ports where it acts."""
+        return "+".join(c.port.id for c in self.parts)
 
 
 def find_candidates(ports: Sequence[Port], laws: Sequence[Law]) -> tuple[Candidate, ...]:
@@ -138,6 +150,22 @@ def find_candidates(ports: Sequence[Port], laws: Sequence[Law]) -> tuple[Candida
                 joined.add(pair)
             found.append(Candidate(law, port, neighbour))
     return tuple(found)
+
+
+def with_twins(found: Sequence[Candidate]) -> tuple[Candidate, ...]:
+    """Return the candidates, and each law at once at all like places of a model, as two heaters and their sensors are.
+
+    Places are alike if they have the same kind, units and laws. A curve has too many parameters to share them, and what
+    an input was before a recording begins is its own."""
+    alike: dict[tuple[object, ...], list[Candidate]] = {}
+    for c in found:
+        law, port = c.law, c.port
+        own = law.kind == "exchange" or law.curve_input or (port.kind == "input" and (law.delay or law.starts))
+        if port.replaceable is None and not own:
+            units = tuple(sorted(port.units.items()))
+            key = (law.id, port.kind, port.attachment, units, port.laws, c.neighbour is None)
+            alike.setdefault(key, []).append(c)
+    return (*found, *(replace(one, twins=tuple(more)) for one, *more in alike.values() if more))
 
 
 def declared_candidates(found: Sequence[Candidate], declared: PackageDeclaration) -> tuple[Candidate, ...]:
@@ -161,6 +189,7 @@ class PlacedLaw(Candidate):
     nominals: Mapping[str, float] = field(default_factory=dict)
     values: Mapping[str, float] = field(default_factory=dict)
     moved_input: str = ""
+    is_twin: bool = False
 
     @property
     def has_states(self) -> bool:
@@ -194,11 +223,11 @@ class PlacedLaw(Candidate):
 
     def about(self, p: LawParameter) -> str:
         """Return the description of a parameter in the model."""
-        return p.description if self.port.replaceable is not None else f"{p.description} at {self.port.id}"
+        return p.description if self.port.replaceable is not None else f"{p.description} at {in_words(self.place)}"
 
     def declarations(self) -> Iterator[str]:
-        """Yield Modelica declarations of the fitted parameters in the model."""
-        for p in self.parameters():
+        """Yield Modelica declarations of the fitted parameters in the model; a twin has those of another law."""
+        for p in () if self.is_twin else self.parameters():
             attributes = [f'unit = "{self.unit(p)}"'] if self.unit(p) else []
             plain = self.port.replaceable is None
             attributes += [f"{k} = {v:.6g}" if plain else f"{k} = {v!r}" for k, v in self.limits(p).items()]
@@ -228,9 +257,9 @@ def place_law(
         raise InputError(f"{law.id}@{port.id}: an exchange needs a neighbour")
     neighbour = c.neighbour if has_reaction(law, port) else None
     used = {n.partition(".")[0] for n in taken}
-    suffix = identifier(port.id)
 
-    def free(name: str) -> str:
+    def free(name: str, place: str = c.place) -> str:
+        suffix = identifier(place)
         candidates = [name, f"{name}_{suffix}", *(f"{name}_{suffix}_{k}" for k in range(2, 100))]
         chosen = next(c for c in candidates if c not in used)
         used.add(chosen)
@@ -241,7 +270,12 @@ def place_law(
     names = {p: free(p) for p in fitted}
     # a nominal value is an order of magnitude: three digits are enough in a written model
     rounded = {k: float(f"{v:.3g}") if k.endswith("_n") else float(v) for k, v in (nominals or {}).items()}
-    return PlacedLaw(law, port, neighbour, c.alias, free(c.alias or law.id), names, rounded, dict(values or {}))
+    own = PlacedLaw(law, port, neighbour, c.alias, (), free(c.alias or law.id), names, rounded, dict(values or {}))
+    twins = [
+        replace(own, port=t.port, neighbour=t.neighbour, instance=free(law.id, t.port.id), is_twin=True)
+        for t in c.twins
+    ]
+    return replace(own, twins=tuple(twins))
 
 
 def place_laws(
@@ -258,9 +292,11 @@ def place_laws(
     used = set(taken)
     for c in found:
         starts = free_starts and c.law.kind == "input"
-        placed = place_law(c, used, nominals=nominals.get(c.port.id), with_starts=starts)
+        known = [nominals.get(one.port.id, {}) for one in c.parts]
+        largest = {k: max(n[k] for n in known if k in n) for k in set().union(*known)}
+        placed = place_law(c, used, nominals=largest, with_starts=starts)
         placed_laws.append(placed)
-        used |= {placed.instance, *placed.names.values()}
+        used |= {*(one.instance for one in placed.parts), *placed.names.values()}
     return tuple(placed_laws)
 
 
@@ -287,12 +323,17 @@ def identifier(path: str) -> str:
     return re.sub(r"\W+", "_", path).strip("_")
 
 
-def describe_law(law: Law, port: Port) -> str:
-    """Return a phrase about a law and its port."""
+def describe_law(law: Law, port: Port, where: str = "") -> str:
+    """Return a phrase about a law and its port, or about ``where`` it acts."""
     about, place = in_sentence(law.description), port.replaceable
     if place is None or not place.description:
-        return f"{about} at {port.id}"
+        return f"{about} at {in_words(where or port.id)}"
     return f"{about} ({in_sentence(place.description)})"
+
+
+def in_words(place: str) -> str:
+    """Return the ids of ports as they stand within a sentence."""
+    return place.replace("+", " and ")
 
 
 def in_sentence(description: str) -> str:

@@ -127,7 +127,8 @@ def compose_law(flat: FlatModel, placed: PlacedLaw, models: LawModels) -> FlatMo
     flat = _with_nominals(flat, at, placed.all_nominals)
     for p in placed.parameters():
         name, about = placed.names[p.name], placed.about(p)
-        flat = add_parameter(flat, name, placed.value(p), placed.unit(p), description=about, **placed.limits(p))
+        if not placed.is_twin:
+            flat = add_parameter(flat, name, placed.value(p), placed.unit(p), description=about, **placed.limits(p))
         flat = set_parameter(flat, f"{at}.{p.name}", Name(name))
     if port.balance is not None:
         flat = add_to_balance(flat, port, acts, 1.0)

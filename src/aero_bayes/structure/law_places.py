@@ -25,6 +25,7 @@ from aero_bayes.structure.candidates import (
     place_law,
     ports_with_laws,
     with_applicable_laws,
+    with_twins,
 )
 from aero_bayes.structure.compose import LawModels, flat_components, law_models
 from aero_bayes.structure.find import replaceable_ports
@@ -215,7 +216,7 @@ class LawPlaces:
     def candidates(self) -> tuple[Candidate, ...]:
         """Every applicable law at every port. If the package names effects, only these and learned curves."""
         found = find_candidates(self.ports, (*self.laws, *self.replaceable_laws))
-        return declared_candidates(found, self.declared) if self.declared.effects else found
+        return declared_candidates(found, self.declared) if self.declared.effects else with_twins(found)
 
     @cached_property
     def law_models(self) -> LawModels:
@@ -242,7 +243,8 @@ class LawPlaces:
 
     def allowed(self, found: Sequence[Candidate]) -> list[Candidate]:
         """Keep the candidates that the filter accepts. Raises InputError if there is none."""
-        kept = [c for c in found if self.candidate_filter.accepts(c.id, c.law.id, self.port_name(c.port))]
+        accepts = self.candidate_filter.accepts
+        kept = [c for c in found if all(accepts(c.id, c.law.id, self.port_name(one.port)) for one in c.parts)]
         if not kept:
             none, left = f"{self.base}: no law is left to try;", "effects, exclude, ports and laws leave none"
             raise InputError(f"{none} {left}", f"{none} [loop] {left}")
@@ -255,10 +257,10 @@ class LawPlaces:
     def candidates_for(self, data: MeasuredData) -> Sequence[Candidate]:
         """Return the candidates that can be written into the source."""
         every = self.candidates
-        edited = {c.port.id: c for c in every if c.port.attachment in ("equation", "signal")}.values()
+        edited = {c.port.id: c for c in every if c.port.attachment in ("equation", "signal") and not c.twins}.values()
         laws = [place_law(c, self.taken_names()) for c in edited]
         barred = {p.port.id for p in laws if not can_be_written(self.sources, self.base, self.flat, p)}
-        return tuple(c for c in every if c.port.id not in barred)
+        return tuple(c for c in every if not barred & {one.port.id for one in c.parts})
 
     def taken_names(self) -> set[str]:
         """Return names that the model uses already."""

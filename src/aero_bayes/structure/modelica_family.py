@@ -235,7 +235,10 @@ class ModelicaFamily:
         found = any(c.port.replaceable is None for c in kept)
         nominals = self._nominals(calibration, fit, open_simulator) if found else {}
         required = self.places.candidate_filter.require
-        kept = [c for c in kept if c.id in required or is_possible(c.law, nominals.get(c.port.id, {}))]
+        kept = [
+            c for c in kept
+            if c.id in required or all(is_possible(c.law, nominals.get(one.port.id, {})) for one in c.parts)
+        ]  # fmt: skip
         experiments = calibration.data.experiments
         highest = max((float(np.abs(s.values).max()) for e in experiments for s in e.inputs), default=1.0)
         self.placed.clear()
@@ -254,8 +257,8 @@ class ModelicaFamily:
 
     def refinements(self) -> dict[str, str]:
         """Return, for each law that refines another one at the same port, the id of that one."""
-        known = {(p.law.id, p.port.id): id_ for id_, p in self.placed.items()}
-        coarse = {id_: known.get((p.law.refines, p.port.id)) for id_, p in self.placed.items()}
+        known = {(p.law.id, p.place): id_ for id_, p in self.placed.items()}
+        coarse = {id_: known.get((p.law.refines, p.place)) for id_, p in self.placed.items()}
         return {id_: of for id_, of in coarse.items() if of is not None}
 
     def curves(self) -> Mapping[str, str]:
@@ -279,10 +282,14 @@ class ModelicaFamily:
         """Return the model with some laws, switched off."""
         placed_laws = self._ordered(id_ for id_ in self.placed if id_ in ids)
         terms = [
-            (CandidateTerm(u.id, self.places.port_name(u.port), self.starts(u.id)), self.parameters(u.id))
+            (CandidateTerm(u.id, self._port_name(u), self.starts(u.id)), self.parameters(u.id))
             for u in placed_laws
+            if not u.is_twin
         ]
         return ModelWithCandidates(self._simulated(placed_laws), terms)
+
+    def _port_name(self, placed: PlacedLaw) -> str:
+        return placed.place if placed.twins else self.places.port_name(placed.port)
 
     @cached_property
     def blocks(self) -> LawBlocks:
@@ -360,14 +367,15 @@ class ModelicaFamily:
         return found
 
     def _ordered(self, ids: Iterable[str]) -> list[PlacedLaw]:
-        """Return placed laws in the order in which they are composed.
+        """Return placed laws, and their twins, in the order in which they are composed.
 
         Those in replaceable models come first, in their own order. Of the others, laws that need the derivative of a
         reading are the innermost."""
         places = {id_: k for k, id_ in enumerate(self.placed)}
         inside, others = split_by_replaceable(self._sized(ids))
         inside = sorted(inside, key=lambda u: places[u.id])
-        return [*inside, *sorted(others, key=lambda u: not u.law.needs_derivative)]
+        others = sorted(others, key=lambda u: not u.law.needs_derivative)
+        return [*inside, *(part for placed in others for part in placed.parts)]
 
     def extend(self, ids: Sequence[str], values: Mapping[str, float], folder: Path) -> ExtendedModel:
         """Return the model with chosen laws, written as Modelica and exported.
@@ -377,19 +385,20 @@ class ModelicaFamily:
         taken = self.places.taken_names()
         placed_laws: list[PlacedLaw] = []
         names: dict[str, tuple[tuple[str, str], ...]] = {}
-        for old in self._ordered(ids):
+        for old in (u for u in self._ordered(ids) if not u.is_twin):
             known = {p.name: values[old.names[p.name]] for p in old.parameters() if old.names[p.name] in values}
             own = {name: float(f"{value:.6g}") for name, value in known.items()}
             placed = place_law(old, taken, nominals=old.nominals, values=own, with_starts=True)
-            taken |= {placed.instance, *placed.names.values()}
-            placed_laws.append(replace(placed, moved_input=old.moved_input))
+            taken |= {*(one.instance for one in placed.parts), *placed.names.values()}
+            placed_laws += replace(placed, moved_input=old.moved_input).parts
             names[old.id] = tuple((old.names[p.name], placed.names[p.name]) for p in old.parameters())
         self._written.extend(placed_laws)
         written, model = self._write(placed_laws, values, folder)
         if any(placed.moved_input for placed in placed_laws):
             model = self._simulated(placed_laws)
-        parameters = tuple(p for placed in placed_laws for p in fitted_parameters(placed))
-        widths = {u.id: u.law.widths for u in placed_laws}
+        firsts = [placed for placed in placed_laws if not placed.is_twin]
+        parameters = tuple(p for placed in firsts for p in fitted_parameters(placed))
+        widths = {u.id: u.law.widths for u in firsts}
         return ExtendedModel(**vars(written), model=model, parameters=parameters, names=names, widths=widths)
 
     def _write(
@@ -411,7 +420,8 @@ class ModelicaFamily:
     def _states_there(self, base: Model, model: Model) -> Mapping[str, str]:
         """Return names in another model of states of a base model."""
         # the output on which a law acts is known by what the law reads in its place
-        acting = [p for p in (*self.placed.values(), *self._written) if p.port.attachment == "output"]
+        every = (part for placed in (*self.placed.values(), *self._written) for part in placed.parts)
+        acting = [p for p in every if p.port.attachment == "output"]
         read = {f"{p.instance}.u": p.port.signals["u"] for p in acting}
         there = states_by_base_name(model, self.places.structure, self._aliases, read)
         return state_names(base, self.places.structure, there)
@@ -422,7 +432,8 @@ class ModelicaFamily:
 
     def describe(self, id_: str) -> str:
         """Return a sentence about a law and its port."""
-        return describe_law(self.placed[id_].law, self.placed[id_].port)
+        placed = self.placed[id_]
+        return describe_law(placed.law, placed.port, placed.place)
 
     def _export(self, flat: FlatModel, what: str) -> Model:
         """Return the FMU of a flat model. The hash of the flat model is part of the file name."""
