@@ -22,7 +22,8 @@ from numpy.random import Generator
 import aero_bayes
 from aero_bayes.arrays import FloatArray
 from aero_bayes.data import Recording
-from aero_bayes.estimate import CalibrationSettings
+from aero_bayes.estimate import CalibrationSettings, LogNormal, ParameterSpec
+from aero_bayes.estimate.other_reading import residual_shares
 from aero_bayes.estimate.swarm import SwarmSettings
 from aero_bayes.simulation.interface import SolverSettings
 from simulated_rigs.kinds import KINDS
@@ -33,8 +34,11 @@ from study.study import Row, Study, Tasks, Told, keyed, percent, rate_cells, rat
 FAULTS: Mapping[str, str] = {
     "impossible": "data", "outliers": "data", "stuck": "data", "clipped": "data", "gap": "data", "wrapped": "data",
     "sign": "data", "swapped": "data", "ahead": "data", "clock": "data", "rounded": "noise", "relative": "noise",
-    "heavy_tails": "noise", "unlike": "noise", "solver": "solver",
+    "heavy_tails": "noise", "unlike": "noise", "solver": "solver", "averaged": "data", "held": "data",
+    "zero_shifted": "data", "scaled": "data", "prior": "data",
 }  # fmt: skip
+#: Those that the parameters may take up: only where a fit is worse by them they are faults.
+MAY_FIT = ("solver", "averaged", "zero_shifted", "scaled", "prior")
 #: Share of the readings that are outliers, and their sizes in standard deviations of the noise.
 OUTLIER_SHARE, OUTLIER_SIZES = 0.03, (15.0, 40.0)
 #: Share of a recording in which a sensor is stuck or the logger has a gap.
@@ -50,6 +54,12 @@ MIN_READING_RATIO = 3.0
 AHEAD, RATE, MIN_MOVED = (1, 4), (2e-3, 2e-2), 3.0
 #: Standard deviation of the noise in a second recording over that in the first.
 UNLIKE = (4.0, 20.0)
+#: Samples of a mean, and least means of a recording; samples over which a sensor holds its value.
+AVERAGED, MIN_MEANS, HELD = (4, 12), 150, (5, 25)
+#: Constant at a reading as a share of its range; factors of units that are taken for others.
+SHIFT, UNIT_FACTORS = (0.1, 0.5), (2.0 * pi, 1e3, 1e5, 9.81, 3.6, 60.0)
+#: Factor by which a prior is off, and its relative standard deviation.
+PRIOR_OFF, PRIOR_SD = (1.2, 1.6), 0.005
 #: Relative and absolute tolerances of a solver that is too coarse.
 TOLERANCES = (1e-2, 0.3)
 
@@ -76,6 +86,7 @@ class Faulty:
     output: str = ""
     tolerance: float | None = None
     second: Recording | None = None
+    prior: tuple[str, LogNormal] | None = None
 
 
 def with_fault(trial: RigTrial, fault: str, rng: Generator) -> Faulty | None:
@@ -87,6 +98,13 @@ def with_fault(trial: RigTrial, fault: str, rng: Generator) -> Faulty | None:
         return Faulty(trial.train, tolerance=exp(rng.uniform(*np.log(TOLERANCES))))
     if fault in ("gap", "sign", "swapped"):
         changed = _with_gap(trial.train, rng) if fault == "gap" else _other_channels(trial.train, fault, rng)
+        return None if changed is None else Faulty(changed)
+    if fault == "prior":
+        name = str(rng.choice(sorted(trial.parameters)))
+        median = trial.parameters[name] * exp(rng.choice([-1.0, 1.0]) * rng.uniform(*np.log(PRIOR_OFF)))
+        return Faulty(trial.train, prior=(name, LogNormal.tolerance(median, PRIOR_SD)))
+    if fault in ("averaged", "scaled"):
+        changed = _averaged(trial, rng) if fault == "averaged" else _scaled(trial.train, rng)
         return None if changed is None else Faulty(changed)
     names = list(trial.train.outputs)
     if fault == "unlike":
@@ -126,6 +144,14 @@ def _readings(trial: RigTrial, fault: str, name: str, rng: Generator) -> FloatAr
         if trial.train.units[name] != "rad" or seen.min() >= 0.0:
             return None
         seen %= 2.0 * pi
+    elif fault == "held":
+        every, here = int(rng.integers(*HELD)), np.arange(seen.size)
+        came = np.maximum(here - (here + int(rng.integers(every))) % every, 0)
+        if float(np.sqrt(np.mean((clean[came] - clean) ** 2))) < MIN_MOVED * sd:
+            return None
+        return np.asarray(seen[came])
+    elif fault == "zero_shifted":
+        seen += rng.choice([-1.0, 1.0]) * rng.uniform(*SHIFT) * float(np.ptp(clean))
     elif fault in ("ahead", "clock"):
         row = np.arange(seen.size, dtype=float)
         rate = exp(rng.uniform(*np.log(RATE))) * rng.choice([-1.0, 1.0])
@@ -156,6 +182,38 @@ def _other_channels(recording: Recording, fault: str, rng: Generator) -> Recordi
         new: dict[str, Any] = {side: columns}
         return replace(recording, **new, sha256="")
     return None
+
+
+def _averaged(trial: RigTrial, rng: Generator) -> Recording | None:
+    """Return means of the inputs, and of the outputs or not, at the ends of intervals; None where little moves."""
+    count, clean = int(rng.integers(*AVERAGED)), trial.noise_free["train"]
+    rows = (clean.rows - 1) // count
+    if rows < MIN_MEANS:
+        return None
+    ends = count * np.arange(1, rows + 1)
+
+    def means(values: FloatArray) -> FloatArray:
+        return np.asarray(values[: rows * count].reshape(rows, count).mean(axis=1))
+
+    # Inputs hold from their row on; an output runs in about straight lines between two.
+    inputs = {name: means(values) for name, values in clean.inputs.items()}
+    averages = {name: means((values[:-1] + values[1:]) / 2.0) for name, values in clean.outputs.items()}
+    instants = {name: values[ends] for name, values in clean.outputs.items()}
+    moved = (np.sqrt(np.mean((averages[n] - instants[n]) ** 2)) / trial.noise[n].white for n in instants)
+    if max(moved) < MIN_MOVED:
+        return None
+    seen = averages if rng.random() < 0.5 else instants
+    outputs = {n: y + trial.noise[n].white * rng.standard_normal(rows) for n, y in seen.items()}
+    return replace(clean, time=clean.time[ends], inputs=inputs, outputs=outputs, sha256="")
+
+
+def _scaled(recording: Recording, rng: Generator) -> Recording:
+    """Return the recording with a channel in another unit than it says."""
+    side = str(rng.choice(["inputs", "outputs"]))
+    columns, factor = dict(getattr(recording, side)), float(rng.choice(UNIT_FACTORS)) ** rng.choice([-1, 1])
+    name = str(rng.choice(list(columns)))
+    new: dict[str, Any] = {side: {**columns, name: factor * columns[name]}}
+    return replace(recording, **new, sha256="")
 
 
 def _with_noise(fault: str, clean: FloatArray, sd: float, rng: Generator) -> FloatArray | None:
@@ -219,13 +277,16 @@ class Rig:
         calibration = CalibrationSettings(initial_states="estimated", solver=SolverSettings(tolerance, tolerance))
         settings = aero_bayes.FitSettings(pso=SWARM, swarm_samples=SWARM_SAMPLES, calibration=calibration)
         recordings = [r for r in (given.recording, given.second) if r is not None]
-        return aero_bayes.fit(recordings, self.model, parameters=self.free, settings=settings, workers=0)
+        specs = {name: ParameterSpec() for name in self.free}
+        if given.prior is not None:
+            specs[given.prior[0]] = ParameterSpec(prior=given.prior[1])
+        return aero_bayes.fit(recordings, self.model, parameters=specs, settings=settings, workers=0)
 
 
 def draw(task: tuple[int, str, int], folder: Path) -> tuple[Rig, Faulty]:
     """Draw the rig of a trial and what the program is given; the same task always gives the same.
 
-    A solver that is too coarse is a fault where it makes a residual larger: this is looked at by a fit with a fine one.
+    What parameters may take up is a fault where it makes a residual larger: this is looked at by a fit without it.
     """
     base, fault, n = task
     rng = np.random.default_rng([base, [*FAULTS, "clear"].index(fault), n])
@@ -238,7 +299,7 @@ def draw(task: tuple[int, str, int], folder: Path) -> tuple[Rig, Faulty]:
         section = tomllib.loads(trial.toml.read_text(encoding="utf-8"))
         model = aero_bayes.load_model(section["model"]["name"], sources=[trial.model], folder=folder / str(k))
         rig = Rig(trial, model, list(section["parameters"]))
-        if fault != "solver" or _larger(rig.fit(given), rig.fit(Faulty(trial.train))):
+        if fault not in MAY_FIT or _larger(rig.fit(given), rig.fit(Faulty(trial.train))):
             return rig, given
     raise RuntimeError(f"no rig can have the fault {fault}")
 
@@ -253,8 +314,10 @@ def shortened(trial: RigTrial) -> RigTrial:
     return replace(trial, train=beginning(trial.train), test=beginning(trial.test), noise_free=noise_free)
 
 
-def _larger(coarse: aero_bayes.Fit, fine: aero_bayes.Fit) -> bool:
-    return any(coarse.rms[output] > MIN_LARGER * fine.rms[output] for output in fine.outputs)
+def _larger(faulty: aero_bayes.Fit, fine: aero_bayes.Fit) -> bool:
+    """Return whether a residual is larger by a fault, as a share of what was read, whose unit may have changed."""
+    sizes = [residual_shares(fit.calibration.data, fit.fitted) for fit in (faulty, fine)]
+    return any(sizes[0][output] > MIN_LARGER * sizes[1][output] for output in sizes[1])
 
 
 def attempt(task: tuple[int, str, int]) -> Row:

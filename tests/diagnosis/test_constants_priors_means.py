@@ -39,6 +39,27 @@ def test_a_prior_that_the_readings_contradict(room: aero_bayes.Model) -> None:
     assert fit.diagnosis.explanation is fit.diagnosis["data"]
 
 
+def slow(sd: float, memory: float, seed: int = 5) -> Recording:
+    """The room with noise that is correlated over ``memory`` samples, beside the white one."""
+    rng, left = np.random.default_rng(seed), np.exp(-1.0 / memory)
+    noise = np.zeros(600)
+    for k in range(1, 600):
+        noise[k] = left * noise[k - 1] + sd * np.sqrt(1.0 - left**2) * rng.standard_normal()
+    return heated_room.with_readings(heated_room.recording(), lambda v: v + noise)
+
+
+def test_causes_are_named_beside_correlated_noise(room: aero_bayes.Model) -> None:
+    given = slow(0.05, 8.0)
+    clear = aero_bayes.fit(given, room, parameters=["C", "G"], workers=0)
+    assert clear.noise["T"].kind == "ou"
+    assert findings(clear) == []
+    prior = aero_bayes.ParameterSpec(prior=LogNormal.tolerance(1.3 * heated_room.C, 0.001))
+    fit = aero_bayes.fit(given, room, parameters={"C": prior, "G": (1.0, 1e4)}, workers=0)
+    assert findings(fit) == [("prior", "C")]
+    off = heated_room.with_readings(given, lambda v: v + 4.0)
+    assert findings(aero_bayes.fit(off, room, parameters=["C", "G"], workers=0)) == [("offset", "T")]
+
+
 def test_a_right_prior_is_not_named(room: aero_bayes.Model) -> None:
     prior = aero_bayes.ParameterSpec(prior=LogNormal.tolerance(1.005 * heated_room.C, 0.01))
     fit = aero_bayes.fit(heated_room.recording(), room, parameters={"C": prior, "G": (1.0, 1e4)}, workers=0)

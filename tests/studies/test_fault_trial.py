@@ -51,6 +51,20 @@ def test_faults_of_the_data_change_only_what_they_say(pendulum: Rig) -> None:
     assert sum(np.array_equal(turned.inputs[n], -v) for n, v in trial.train.inputs.items() if v.any()) + np.array_equal(
         turned.outputs["angle"], -right
     ) == 1  # fmt: skip
+    assert 4 < np.median(np.diff(np.flatnonzero(np.diff(found["held"].recording.outputs["angle"])))) < 26
+    shift = found["zero_shifted"].recording.outputs["angle"] - right
+    assert 0.1 <= abs(shift[0]) / np.ptp(trial.noise_free["train"].outputs["angle"]) <= 0.5
+    assert shift == pytest.approx(shift[0])
+    averaged, scaled = found["averaged"].recording, found["scaled"].recording
+    every = round(averaged.interval / trial.train.interval)
+    assert averaged.inputs["tau"][7] == pytest.approx(np.mean(trial.train.inputs["tau"][7 * every : 8 * every]))
+    assert averaged.time[7] == trial.train.time[8 * every]
+    driven = trial.train.inputs["tau"]
+    ratios = np.ptp(scaled.outputs["angle"]) / np.ptp(right), np.ptp(scaled.inputs["tau"]) / np.ptp(driven)
+    assert sorted(np.isclose(ratios, 1.0)) == [False, True]
+    assert scaled.outputs["angle"] / ratios[0] == pytest.approx(right)
+    assert found["prior"].prior is not None
+    assert not 0.85 < found["prior"].prior[1].median / trial.parameters[found["prior"].prior[0]] < 1.15
     assert found["unlike"].second is not None
     assert found["solver"].recording is trial.train
     assert found["solver"].tolerance is not None

@@ -15,7 +15,7 @@ from aero_bayes.modelica.units import TEMPERATURES, base_units, to_modelica_unit
 
 FindingKind = Literal[
     "sentinel", "outliers", "stuck", "clipped", "gap", "clock", "wrapped", "rounded", "quality", "unit", "sign", "swap",
-    "value", "offset", "factor", "mean", "prior", "held", "noise",
+    "value", "offset", "factor", "mean", "prior", "held", "noise", "feedback",
 ]  # fmt: skip
 
 #: Times or rows of a finding that are told one by one.

@@ -125,7 +125,7 @@ def check_data(fit: Fit, left: LeftOver) -> DiagnosisRow:
     findings.sort(key=lambda f: f.mended)
     first, more = findings[0], tuple(f.sentence for f in findings[1:])
     # Other values, constants and an input's noise may do what a missing effect does: effects are still looked for.
-    explains = not first.mended and first.kind not in ("value", "offset", "noise")
+    explains = not first.mended and first.kind not in ("value", "offset", "noise", "feedback")
     return DiagnosisRow("data", True, first.what, first.where, first.done, explains, more)
 
 

@@ -20,6 +20,7 @@ from aero_bayes.declared import DeclaredParameter
 from aero_bayes.errors import CannotFinishError, InputError
 from aero_bayes.estimate.calibrated_model import ValueCombination, combinations, compiled, split_values
 from aero_bayes.estimate.calibration import Calibration, calibrate
+from aero_bayes.estimate.feedback import with_feedback
 from aero_bayes.estimate.finished_fit import finished_fit, with_identified
 from aero_bayes.estimate.global_search import GlobalSearch, GlobalSearchResult
 from aero_bayes.estimate.held_starts import with_start_finding
@@ -244,6 +245,7 @@ class _Request:
             told = with_misread_finding(
                 found, lambda given: self.calibration(given, problem.model, problem.fixed), fitted_again, here
             )
+        told = with_feedback(found, here) if told is found else told
         return with_input_noise(found, here) if told is found else told
 
 

@@ -18,8 +18,9 @@ from aero_bayes.estimate.measured_data import MeasuredData
 from aero_bayes.estimate.result import Fit
 from aero_bayes.simulation.interface import Outcome, ParameterTarget
 
-#: Factor by which a residual gets smaller at least where only noise is left then; no output gets worse.
-MIN_CLEAN_FACTOR, MIN_WORST = 1.5, 0.9
+#: Factor by which a residual gets smaller at least where only noise is left then; no output gets worse. Correlated
+#: noise may hide what is missing: where it is left, the factor has to be as large as where more than noise is.
+MIN_CLEAN_FACTOR, MIN_CORRELATED_FACTOR, MIN_WORST = 1.5, 3.0, 0.9
 #: Values of parameters that a finding tells.
 MOST_VALUES = 4
 
@@ -82,8 +83,10 @@ def told_fit(fit: Fit, finding: DataFinding) -> Fit:
 def explains_all(fit: Fit, again: Fit, least: float = MIN_CLEAN_FACTOR) -> bool:
     """Return whether another fit leaves nothing but noise, smaller by ``least`` in an output, and larger in none."""
     gains = [before / after for before, after in change_of(fit, again).values()] or [0.0]
-    white = not any(n.model_error or n.kind == "ou" for n in again.noise.values())
-    return white and max(gains) >= least and min(gains) >= MIN_WORST and not LeftOver(again).structured
+    if any(n.kind == "ou" for n in again.noise.values()):
+        least = max(least, MIN_CORRELATED_FACTOR)
+    clean = not any(n.model_error for n in again.noise.values()) and not LeftOver(again).structured
+    return clean and max(gains) >= least and min(gains) >= MIN_WORST
 
 
 def scaled_rows(fit: Fit) -> tuple[FloatArray, FloatArray]:
