@@ -16,7 +16,7 @@ from aero_bayes.estimate.predict_recordings import Prediction
 from aero_bayes.estimate.residual_tests import ResidualReport, check_residuals
 from aero_bayes.estimate.result import Fit
 from aero_bayes.loop.decide import ClaimKind, Decision
-from aero_bayes.loop.first_fit import FirstFit, LoopContext, refitted
+from aero_bayes.loop.first_fit import SEARCHED, FirstFit, LoopContext, refitted
 from aero_bayes.loop.search import Search
 from aero_bayes.loop.table import Table, Terms, law_of
 from aero_bayes.plain import plain
@@ -115,7 +115,7 @@ class ExtendedFit:
 
 def extend(context: LoopContext, first: FirstFit, search: Search, decision: Decision) -> ExtendedFit:
     """Write the chosen terms into the model, and fit it at its best."""
-    context.progress("writing the extended model", 0.75)
+    context.statistics.tell("writing the extended model", SEARCHED)
     held = search.source.held
     laws = [t for t in decision.model if t not in held]
     best = search.fits[decision.model]
@@ -126,7 +126,7 @@ def extend(context: LoopContext, first: FirstFit, search: Search, decision: Deci
     names |= {t: tuple((n, n) for n in best.term_values(t)) for t in decision.model if t in held}
     added = (*(written.parameters if written is not None else ()), *(held[t] for t in decision.model if t in held))
     context.statistics.end_stage("extension")
-    context.progress("refitting the extended model", 0.85)
+    context.statistics.tell("refitting the extended model", 0.92)
     model = written.model if written is not None else first.plain.model
     calibration = first.with_terms(context, model, added)
     known = {first.plain.parameters.names[j] for j in first.fit.free}
