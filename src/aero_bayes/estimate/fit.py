@@ -175,6 +175,18 @@ def fit(
         return request.fit(screened(recordings, model))
 
 
+def fit_alone(
+    recordings: Sequence[Recording], model: Model, parameters: ChosenParameters, settings: FitSettings, seed: int,
+    workers: int | None,
+) -> Fit:  # fmt: skip
+    """Return a fit without what is asked of it afterwards: whether another reading of the data explains what it leaves.
+
+    Of a poor fit that takes ten times as long as the fit."""
+    with threadpool_limits(limits=1, user_api="blas"):
+        request = _Request(model, parameters, settings, seed, workers, Watched(), None)
+        return request.alone(screened(recordings, model))
+
+
 class _Request:
     """What the fits of one call share: the model, the parameters to search, the settings and the seed."""
 
@@ -215,7 +227,26 @@ class _Request:
         return calibrate(recordings, model, free, fixed=fixed, noise=settings.noise, settings=settings.calibration)
 
     def fit(self, recordings: Sequence[Recording]) -> Fit:
-        """Fit each combination of listed values, and finish the likeliest: outliers, sensors, noise, checks."""
+        """Fit, and ask what else than the model may be behind what is left."""
+        found, opened, watched = self.alone(recordings), self.opened, self.progress
+        here = partial(opened, workers=0)  # one run needs no workers
+        found = with_held_beside(with_solver_difference(found, here), here)
+        if watched.asked_to_end:
+            return found
+        local, problem = replace(self.settings, method="local"), found.calibration
+
+        def fitted_again(other: Calibration) -> Fit:
+            return fit_calibration(other, opened, local, np.random.default_rng(self.seed))
+
+        told = with_start_finding(found, fitted_again, here)
+        if told is found:  # a wrong start looks like a constant at a reading, too
+            told = with_misread_finding(
+                found, lambda given: self.calibration(given, problem.model, problem.fixed), fitted_again, here
+            )
+        return with_input_noise(found, here) if told is found else told
+
+    def alone(self, recordings: Sequence[Recording]) -> Fit:
+        """Fit each combination of listed values, and finish the likeliest: outliers, sensors, noise."""
         settings, opened, watched, cache = self.settings, self.opened, self.progress, self.cache
 
         def fitted(candidate: ValueCombination) -> Fit:
@@ -230,21 +261,7 @@ class _Request:
             found = _without_outliers(found, opened, settings, watched, cache)
         if settings.cost == "posterior" and not filtered and not watched.asked_to_end:
             found = _with_noise_kinds(_with_sensors(found), opened, settings, watched)
-        here = partial(opened, workers=0)  # one run needs no workers
-        found = with_held_beside(with_solver_difference(found, here), here)
-        if watched.asked_to_end:
-            return found
-        local, problem = replace(settings, method="local"), found.calibration
-
-        def fitted_again(other: Calibration) -> Fit:
-            return fit_calibration(other, opened, local, np.random.default_rng(self.seed))
-
-        told = with_start_finding(found, fitted_again, here)
-        if told is found:  # a wrong start looks like a constant at a reading, too
-            told = with_misread_finding(
-                found, lambda given: self.calibration(given, problem.model, problem.fixed), fitted_again, here
-            )
-        return with_input_noise(found, here) if told is found else told
+        return found
 
 
 def _likeliest(candidates: Sequence[ValueCombination], fitted: Callable[[ValueCombination], Fit]) -> Fit:

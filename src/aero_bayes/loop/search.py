@@ -40,7 +40,8 @@ class Effort:
     ones. Beside a structure so many terms are ``fitted`` after a brief fit (beside the first model, whose predictions
     are the worst; beside others), ``finished`` of them are fitted to the end, and ``begun`` with a beginning of the
     recordings. ``structures`` are fitted in all, ``swaps`` besides in the place of a term of the model. Beside
-    the first model each term is fitted from ``declared`` nominal sizes and declared values, finer laws, too."""
+    the first model each term is fitted from ``declared`` nominal sizes and declared values, finer laws, too; it is
+    screened ``beside_declared`` values, too."""
 
     beam: tuple[int, int, int] = (1, 4, 2)
     fitted: tuple[int, int] = (12, 6)
@@ -49,6 +50,7 @@ class Effort:
     structures: int = 45
     swaps: int = 15
     declared: int = 0
+    beside_declared: bool = True
 
     @classmethod
     def of(cls, steps: int) -> Effort:
@@ -374,7 +376,7 @@ class Search:
         best = min(known, key=lambda f: self.table.order(f.terms), default=None)
         values = [tuple(best.term_values(term).values())] if best is not None else []
         found = Screen(fitted, model, term, self.folds).run(values)
-        declared = fitted.at_declared_values() if not parent else None
+        declared = fitted.at_declared_values() if not parent and self.effort.beside_declared else None
         if declared is not None:
             loss = self.folds.on_fitted(declared) - self.folds.on_fitted(fitted)
             there = Screen(declared, model, term, self.folds).run()
