@@ -70,7 +70,9 @@ TIGHTER = 0.1
 
 
 def with_solver_difference(fit: Fit, open_simulator: OpenSimulator) -> Fit:
-    """Simulate the optimum at a tenth of the problem's tolerances, and compare outputs and parameters with the fit."""
+    """Simulate the optimum at a tenth of the problem's tolerances, and compare outputs and parameters with the fit.
+
+    Intervals are as much wider as the parameters move: a solver is no surer than that."""
     calibration = fit.calibration
     if calibration.process is not None:
         return fit
@@ -88,11 +90,19 @@ def with_solver_difference(fit: Fit, open_simulator: OpenSimulator) -> Fit:
         rows = np.concatenate([y[:, k] for y in moved])
         if np.isfinite(rows).any():
             sizes[output] = float(np.sqrt(np.nanmean(rows**2)))
-    return replace(fit, solver_difference=sizes, solver_shift=_shift(fit, moved) if sizes else {})
+    if not sizes:
+        return replace(fit, solver_difference={}, solver_shift={})
+    step = _moved_parameters(fit, moved)
+    count, covariance = len(step), fit.laplace.covariance.copy()
+    sd = np.maximum(fit.laplace.sd[:count], 1e-300)
+    shift = dict(zip(fit.laplace.names, np.abs(step / sd).tolist(), strict=False))
+    covariance[:count, :count] += np.outer(step, step)
+    wider = replace(fit.laplace, covariance=covariance)
+    return replace(fit, solver_difference=sizes, solver_shift=shift, laplace=wider)
 
 
-def _shift(fit: Fit, moved: list[FloatArray]) -> dict[str, float]:
-    """Return by how many of its standard deviations each free parameter moves where the outputs do by ``moved`` (n, m).
+def _moved_parameters(fit: Fit, moved: list[FloatArray]) -> FloatArray:
+    """Return by how much each free parameter moves, in search coordinates, where the outputs do by ``moved`` (n, m).
 
     To first order: one step of Gauss and Newton from the optimum."""
     white = np.concatenate(
@@ -106,10 +116,7 @@ def _shift(fit: Fit, moved: list[FloatArray]) -> dict[str, float]:
         ]
     )
     covariance = fit.optimum.laplace(fit.calibration.parameters)[0]
-    step = covariance @ (fit.optimum.whitened.slopes @ white)
-    sd = fit.laplace.sd[: len(step)]
-    names = fit.laplace.names[: len(step)]
-    return {name: abs(float(s)) for name, s in zip(names, step / np.maximum(sd, 1e-300), strict=True)}
+    return np.asarray(covariance @ (fit.optimum.whitened.slopes @ white))
 
 
 #: How often a fit is repeated without its outliers: the first one is drawn by them, so that it may not see all.

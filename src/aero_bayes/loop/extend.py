@@ -10,6 +10,7 @@ from typing import Literal
 import numpy as np
 
 from aero_bayes.arrays import FloatArray
+from aero_bayes.estimate.fit import with_solver_difference
 from aero_bayes.estimate.identifiability import Estimate
 from aero_bayes.estimate.parameters import Parameter
 from aero_bayes.estimate.predict_recordings import Prediction
@@ -133,7 +134,9 @@ def extend(context: LoopContext, first: FirstFit, search: Search, decision: Deci
     old = set(first.plain.parameters.names) - {p.name for p in added}
     free = tuple(j for j, p in enumerate(calibration.parameters) if p.name in known or p.name not in old)
     si = np.array([values.get(p.name, p.start) for p in calibration.parameters])
-    fit = refitted(context, calibration, si, replace(first.fit.optimum, free=free))
+    fit = with_solver_difference(
+        refitted(context, calibration, si, replace(first.fit.optimum, free=free)), context.open
+    )
     reports = check_residuals(calibration, fit.series, fit.optimum, first.floors)
     after = context.predictor.predict(calibration, fit.optimum)
     widths = written.widths if written is not None else {}
