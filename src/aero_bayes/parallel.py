@@ -25,6 +25,8 @@ R = TypeVar("R")
 Told = Callable[[float], object]
 #: Seconds that a worker process may take to end.
 EXIT_TIMEOUT = 5.0
+#: Seconds after which it is asked whether it is late where no task ends meanwhile.
+ASKED_EVERY = 1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,7 +120,9 @@ class ParallelMap:
         for connection in connections:
             hand_out(connection)
         while busy:
-            ready = wait(list(busy))
+            ready = wait(list(busy), ASKED_EVERY)
+            if not ready:
+                self.late()  # that it tells how the time goes, too
             for connection in [connection for connection in busy if connection in ready]:
                 k = busy.pop(connection)
                 with suppress(EOFError, ConnectionResetError, BrokenPipeError):

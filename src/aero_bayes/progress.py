@@ -8,8 +8,9 @@ import signal
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from types import FrameType
 from typing import Self
 
@@ -38,21 +39,26 @@ def _in_notebook() -> bool:
 class Watched:
     """Progress of work that may be asked to end with what it has."""
 
-    def __init__(self, progress: Progress | None = None) -> None:
-        self._progress = progress
+    def __init__(self, progress: Progress | None = None, interrupts: Sequence[int] = ()) -> None:
+        self._progress, self._interrupts = progress, interrupts
         self._last: tuple[str, float] = ("", 0.0)
         self.asked_to_end = False
 
     def __call__(self, phase: str, share: float, *value: object) -> bool:
         if not phase.endswith("."):  # a sentence is told once
             self._last = phase, share
-        if self._progress is not None and self._progress(phase, share, *value) is True:
+        if (self._progress is not None and self._progress(phase, share, *value) is True) or self._interrupts:
             self.asked_to_end = True
         return self.asked_to_end
 
     def again(self, *value: object) -> bool:
         """Tell the same phase and share once more."""
         return self(*self._last, *value)
+
+    def ends_within(self, seconds: float) -> None:
+        """Tell how long the work will still take at most, where that is known."""
+        if isinstance(self._progress, ProgressBar | Piece):
+            self._progress.ends_within(seconds)
 
 
 @contextmanager
@@ -62,8 +68,7 @@ def watching(progress: Progress | None) -> Iterator[Watched]:
         yield progress if isinstance(progress, Watched) else Watched(progress)
         return
     with _interrupts() as seen, ProgressBar(quiet=False) as bar:
-        tell = progress if progress is not None else bar
-        yield Watched(lambda *told: tell(*told) is True or bool(seen))
+        yield Watched(progress if progress is not None else bar, seen)
 
 
 @contextmanager
@@ -94,8 +99,8 @@ class ProgressBar:
     terminal that can draw, a line a phase, and one now and then; where it is to be quiet, nothing."""
 
     def __init__(self, quiet: bool) -> None:
-        self._quiet = quiet
-        self._total = math.inf
+        self._quiet, self._process = quiet, os.getpid()
+        self._total, self._limited = math.inf, False
         drawn = _in_notebook() or (sys.stderr.isatty() and os.environ.get("TERM") != "dumb")
         self._lines = not drawn
         self._phase, self._work = "", ""
@@ -104,7 +109,7 @@ class ProgressBar:
         self._bar: tqdm[None] | None = None
 
     def __call__(self, phase: str, share: float, value: float | str = "") -> None:
-        if self._quiet:
+        if self._quiet or os.getpid() != self._process:  # a copy of this process draws nothing
             return
         if phase.endswith("."):
             tqdm.write(phase, file=sys.stderr)
@@ -113,7 +118,7 @@ class ProgressBar:
         work = phase.partition(":")[0]
         if work != self._work:
             self.close()
-            self._work, self._began, self._total = work, time.monotonic(), math.inf
+            self._work, self._began, self._total, self._limited = work, time.monotonic(), math.inf, False
         if time.monotonic() - self._began < RESUMED_SECONDS:
             self._first = share
         beside = value if isinstance(value, str) else f"{value:.6g}"
@@ -123,10 +128,15 @@ class ProgressBar:
             self._draw(phase, share, beside)
         self._phase = phase
 
+    def ends_within(self, seconds: float) -> None:
+        """Note how long this piece of work will still take at most, in place of what its speed tells."""
+        total = time.monotonic() - self._began + seconds
+        self._total, self._limited = min(self._total, total) if self._limited else total, True
+
     def _left(self, share: float) -> str:
         """Return how long it will still take at most; empty where that cannot be told, or is over."""
         spent, done = time.monotonic() - self._began, share - self._first
-        if done > TELLING_SHARE and spent > FIRST_AFTER:
+        if done > TELLING_SHARE and spent > FIRST_AFTER and not self._limited:
             self._total = min(self._total, spent * (1.0 + MARGIN * (1.0 - share) / done))
         left = self._total - spent
         return f"at most {left:.0f} s left" if 0.5 < left < math.inf and share < 1.0 else ""
@@ -164,3 +174,18 @@ class ProgressBar:
         if error is None and self._bar is not None:
             self._bar.update(RESOLUTION - self._bar.n)
         self.close()
+
+
+@dataclass(frozen=True)
+class Piece:
+    """A piece of work of a bar; its name stands before each phase."""
+
+    bar: ProgressBar
+    name: str
+
+    def __call__(self, phase: str, share: float) -> None:
+        self.bar(f"{self.name}: {phase}", share)
+
+    def ends_within(self, seconds: float) -> None:
+        """Note how long it will still take at most."""
+        self.bar.ends_within(seconds)

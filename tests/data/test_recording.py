@@ -21,17 +21,19 @@ def recording(volts: list[float], omega: list[float] | None = None, start: float
     return Recording("r", start + np.arange(n) / 10.0, {"V_m": np.array(volts)}, outputs)
 
 
-def test_a_header_with_another_unit_than_the_given_one_is_asked_about(tmp_path) -> None:
+@pytest.mark.parametrize("header", ["x [mm]", "x (mm)", "x_mm", "x/mm", "x mm"])
+def test_a_header_with_another_unit_than_the_given_one_or_the_models_is_asked_about(tmp_path, header: str) -> None:
     path = tmp_path / "axis.csv"
-    path.write_text("time,x [mm],u\n" + "".join(f"{k},{k},{k}\n" for k in range(8)), encoding="utf-8")
+    path.write_text(f"time,{header},u\n" + "".join(f"{k},{k},{k}\n" for k in range(8)), encoding="utf-8")
     layout = Layout.of(["u"], ["x"], {"x": "m", "u": "V"})
 
     def notes(**column: object) -> tuple[str, ...]:
-        return read_recording(path, {"x": ColumnMap("x [mm]", **column)}, layout=layout).notes  # type: ignore[arg-type]
+        return read_recording(path, {"x": ColumnMap(header, **column)}, layout=layout).notes  # type: ignore[arg-type]
 
-    (asked,) = notes(unit="m")
-    assert "read in m" in asked
-    assert "header says mm" in asked
+    for given in ({"unit": "m"}, {}):
+        (asked,) = notes(**given)
+        assert "read in m" in asked
+        assert "header says mm" in asked
     assert notes(unit="mm") == ()
     assert notes(scale=1e-3) == ()
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import signal
 import sys
+from itertools import pairwise
 from types import SimpleNamespace
 from typing import Any
 
@@ -51,6 +52,21 @@ def test_a_loop_that_is_ended_names_nothing(cart: SimpleNamespace) -> None:
     )
     assert (found.outcome, found.effects) == ("unexplained", ())
     assert "interrupted" in found.sentence
+
+
+@pytest.mark.parametrize("workers", [0, 2])
+def test_the_share_of_a_loop_moves_with_its_work_and_never_falls(cart: SimpleNamespace, workers: int) -> None:
+    told: list[float] = []
+    settings = aero_bayes.LoopSettings(laws=("coulomb_friction", "gain", "offset", "delay"), max_effects=2)
+    found = aero_bayes.close_loop(
+        cart.fit, cart.test, settings=settings, workers=workers, progress=lambda what, share: told.append(share)
+    )
+    assert [e.id for e in found.effects] == ["coulomb_friction@v"]
+    assert told == sorted(told)
+    assert told[0] == 0.0
+    assert told[-1] == 1.0
+    assert len(set(told)) >= 20
+    assert max(b - a for a, b in pairwise(told)) <= 0.5  # its search found one term of two
 
 
 def test_the_first_interrupt_in_a_notebook_is_noted_and_the_second_acts(

@@ -35,7 +35,7 @@ end Cart;
     run = Recording("run", time, {"F": np.ones(400)}, {"v": exact + 0.05 * np.sin(2.0 * time) + noise})
     context = LoopContext(
         ModelicaFamily(LawPlaces("Cart", (path,)), tmp_path / "fmus"), Recordings.of([run], [], 0.3, ["v"]),
-        LoopSettings(), WorkerPool(0), tmp_path, lambda what, share: None, LoopStatistics(),
+        LoopSettings(), WorkerPool(0), tmp_path, LoopStatistics(),
     )  # fmt: skip
     base = first_fit(context, {})
     assert base.plain.parameters.names == ("v_start",)

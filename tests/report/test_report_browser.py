@@ -230,9 +230,14 @@ def test_the_section_bar_stays_and_tells_where_the_reader_is(loop: Browser, runs
     assert loop.evaluate("document.querySelector('nav').getBoundingClientRect().top") == 0
 
 
-def test_the_interval_of_a_parameter_is_in_view_on_a_phone(browser: Browser, runs: Path) -> None:
+def test_interval_and_status_of_a_parameter_are_in_view_on_a_phone(browser: Browser, runs: Path) -> None:
     browser.open(runs / "loop" / "report.html", width=390)
     beyond = browser.evaluate("""[...document.querySelectorAll('[aria-label=Estimates] tbody tr')].map(row =>
-        row.children[2].getBoundingClientRect().right - row.closest('.scroll').getBoundingClientRect().right)""")
+        (row.querySelector('.pill') || row.children[2]).getBoundingClientRect().right
+        - row.closest('.scroll').getBoundingClientRect().right)""")
     assert beyond
     assert max(beyond) <= 0
+    lines = browser.evaluate("""[...document.querySelectorAll('[aria-label=Estimates] tbody tr')].map(row =>
+        new Set([...row.children[2].querySelectorAll('.whole')]
+            .map(end => Math.round(end.getBoundingClientRect().top))).size)""")
+    assert max(lines) <= 2

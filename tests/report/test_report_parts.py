@@ -104,6 +104,8 @@ def test_autocorrelation_of_a_first_order_process_decays_as_it_should() -> None:
         ((9.6021, 9.5861, 9.6189, "ohm"), ("9.602", "9.586", "9.619", "Ω")),
         ((1.1203e-5, 1.0987e-5, 1.1409e-5, "kg.m2"), ("11.20", "10.99", "11.41", "×10⁻⁶ kg·m²")),
         ((-0.0021, -0.0040, -0.0003, "N.m"), ("−0.0021", "−0.0040", "−0.0003", "N·m")),
+        ((0.00120042, 0.00119951, 0.00120133, "s"), ("0.0012004", "0.0011995", "0.0012013", "s")),
+        ((-7.824e-4, None, None, "m"), ("−0.0007824", "–", "–", "m")),
         ((0.0, -1.2, 1.3, "V"), ("0.0", "−1.2", "1.3", "V")),
         ((0.0219, None, None, "kg m^2"), ("0.0219", "–", "–", "kg·m²")),
         ((4.0e-6, None, None, "kg.m2"), ("4", "–", "–", "×10⁻⁶ kg·m²")),
@@ -119,7 +121,7 @@ def test_quantities_carry_the_digits_their_interval_justifies(given: tuple, show
 
 def test_a_power_of_ten_stands_at_each_number_of_a_table() -> None:
     found = rounded_value(3.4412e-6, 3.4e-6, 3.48e-6, "kg.m2").apart
-    assert (found.value, found.low, found.high) == ("3.441×10⁻⁶", "3.400×10⁻⁶", "3.480×10⁻⁶")
+    assert (found.value, found.low, found.high) == ("3.44×10⁻⁶", "3.40×10⁻⁶", "3.48×10⁻⁶")
     assert found.unit == "kg·m²"
     plain = rounded_value(9.6021, 9.5861, 9.6189, "ohm")
     assert plain.apart == plain

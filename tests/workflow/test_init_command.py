@@ -14,7 +14,8 @@ from facts import facts
 from scipy.io import savemat
 
 from aero_bayes.cli import main
-from aero_bayes.commands.init import match_columns, split_unit
+from aero_bayes.commands.init import match_columns
+from aero_bayes.data.columns import split_unit
 from aero_bayes.modelica.sources import main_class
 
 pytestmark = pytest.mark.fast

@@ -16,6 +16,7 @@ import numpy as np
 from aero_bayes.arrays import FloatArray
 from aero_bayes.commands.job import columns_of, layout_of, tell_notes, without_units
 from aero_bayes.config import Config
+from aero_bayes.data.columns import split_unit
 from aero_bayes.data.read import column_names, read_recordings
 from aero_bayes.data.source import clocks_of, is_time_name
 from aero_bayes.errors import InputError
@@ -28,7 +29,7 @@ from aero_bayes.modelica.class_reader import build_tree, read_library
 from aero_bayes.modelica.embedded import explicit_model
 from aero_bayes.modelica.parse import without_indices
 from aero_bayes.modelica.sources import as_packages, main_class, modelica_files
-from aero_bayes.modelica.units import TEMPERATURES, base_units, conversion, to_modelica_unit
+from aero_bayes.modelica.units import conversion, to_modelica_unit
 from aero_bayes.simulation.engines import open_simulator
 from aero_bayes.simulation.load_model import load_model
 from aero_bayes.simulation.model import Model
@@ -162,27 +163,6 @@ def match_columns(
 def _bare(name: str) -> str:
     """Return a name without case and punctuation: ``i_load`` and ``ILoad`` are one."""
     return re.sub(r"[\W_]", "", name.casefold()) or name
-
-
-def split_unit(column: str) -> tuple[str, str]:
-    """Return a column's name without its unit, and the unit: ``U [mV]``, ``phi (deg)``, ``time/s``, ``t_ms``.
-
-    HOBO's ``P, W (LGR S/N: 100)`` is P in W, and ``Date Time, GMT+01:00`` has no unit."""
-    if (hobo := re.fullmatch(r"([^,]*), ([^(,]*?)( \(.*\))?", column)) is not None:
-        unit = to_modelica_unit(hobo[2])
-        if hobo[2].startswith(("GMT", "UTC")) or unit in TEMPERATURES or base_units(unit or "?"):
-            return hobo[1], "" if hobo[2].startswith(("GMT", "UTC")) else unit
-    if (brackets := re.fullmatch(r"(.*?)[\s_]*[\[(](.*)[\])]\s*", column)) is not None:
-        return brackets[1], to_modelica_unit(brackets[2])
-    for mark in ("/", "_", " "):
-        name, _, unit = column.partition(mark) if mark == "/" else column.rpartition(mark)
-        if (
-            name
-            and (to_modelica_unit(unit) in TEMPERATURES or base_units(to_modelica_unit(unit) or "?"))
-            and to_modelica_unit(unit) != "1"
-        ):
-            return name, to_modelica_unit(unit)
-    return column, ""
 
 
 def _head(name: str, files: Sequence[Path], out: Path, model: Model, data: Path, matched: ColumnMatch) -> str:

@@ -29,7 +29,7 @@ from aero_bayes.loop.first_fit import LoopSettings
 from aero_bayes.loop.loop import close_loop
 from aero_bayes.loop.result import LoopResult
 from aero_bayes.plain import plain
-from aero_bayes.progress import ProgressBar
+from aero_bayes.progress import Piece, ProgressBar
 from aero_bayes.simulation.engines import open_simulator
 from aero_bayes.simulation.interface import ParameterTarget
 from aero_bayes.simulation.load_model import load_model
@@ -100,7 +100,7 @@ def run_loop(job: Job, progress: ProgressBar, base: Fit | None = None) -> LoopRe
         seed=job.options.seed,
         workers=job.options.workers,
         out_dir=job.options.out,
-        progress=lambda what, share: progress(f"loop: {what}", share),
+        progress=Piece(progress, "loop"),
     )
 
 

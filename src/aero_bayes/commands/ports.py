@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import math
+import textwrap
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -14,12 +16,13 @@ import click
 import numpy as np
 
 from aero_bayes.arrays import FloatArray
-from aero_bayes.commands.commands import fit_job
 from aero_bayes.commands.job import RunOptions, open_job, which_model, without_units
+from aero_bayes.commands.loop import fit_settings
 from aero_bayes.config import load_config
 from aero_bayes.data.noise import noise_floors, output_noise_floor
 from aero_bayes.display import join_names, with_unit
 from aero_bayes.errors import InputError
+from aero_bayes.estimate.fit import fit_alone
 from aero_bayes.estimate.noise import OutputNoise
 from aero_bayes.estimate.objective import Objective, objective_of
 from aero_bayes.estimate.parameters import Parameter
@@ -28,14 +31,14 @@ from aero_bayes.estimate.result import Fit
 from aero_bayes.files import ScratchFolder
 from aero_bayes.loop.extend import Limit, limits_of
 from aero_bayes.loop.models import ModelSource
-from aero_bayes.loop.search import Control, Library, Search
+from aero_bayes.loop.search import Control, Effort, Library, Search
+from aero_bayes.loop.table import law_of
 from aero_bayes.modelica.compose import add_parameter, equate
 from aero_bayes.modelica.embedded import export_flat
 from aero_bayes.modelica.flat import FlatModel
 from aero_bayes.modelica.library import path_in_library
 from aero_bayes.modelica.syntax import Call, Expression, Name, Number
 from aero_bayes.parallel import ParallelMap
-from aero_bayes.progress import ProgressBar
 from aero_bayes.simulation.engines import open_simulator
 from aero_bayes.simulation.interface import ParameterTarget
 from aero_bayes.simulation.model import Model
@@ -58,13 +61,17 @@ PROBE_SIZES: Mapping[PortKind, str] = {
 #: The response of a port is the change of the outputs, in standard deviations of noise, to a probe as large as all else
 #: at the port. Responses from which a term counts as barely visible, and as visible.
 MIN_BARELY_VISIBLE_RESPONSE, MIN_VISIBLE_RESPONSE = 3.0, 30.0
-RESPONSE_NOTE = (
+RESPONSE_NOTES = (
     "response: change of the outputs, in standard deviations of their noise, by a term as large as all else at "
-    "the port, less what the free parameters imitate.\n"
-    f"visible in these data: yes from {MIN_VISIBLE_RESPONSE:g}, barely from {MIN_BARELY_VISIBLE_RESPONSE:g}.\n"
-    "limits: the smallest size of each law, a value of its first parameter, that would be named beside what the model "
-    "leaves now."
+    "the port, less what the free parameters imitate.",
+    f"visible in these data: yes from {MIN_VISIBLE_RESPONSE:g}, barely from {MIN_BARELY_VISIBLE_RESPONSE:g}.",
+    "limits: the size of each law, a value of its first parameter, from which on it is material: its lack raises the "
+    "error that the model leaves now by a third. About half of such laws would be named.",
 )
+#: Share of the error that a law of the shortlist explains by itself at least.
+LISTED_SHARE = 0.1
+#: Columns of a terminal.
+WIDTH = 80
 #: Share of a probe's signature up to which parameters do the same.
 MOST_LEFT = 0.1
 IMITATED_NOTE = "imitated: terms that are not seen, since free parameters change the outputs as they do."
@@ -78,7 +85,8 @@ def run_ports(model: str | None, config: Path | None, data: Sequence[Path] = (),
         rows = _rows(RunOptions(scratch / "run", model, config, quiet=True), data)
     click.echo(json.dumps(rows, indent=2) if as_json else _as_table(rows))
     if data and not as_json:
-        click.echo("\n".join([RESPONSE_NOTE, *([IMITATED_NOTE] if any(row.get("imitated") for row in rows) else [])]))
+        notes = [*RESPONSE_NOTES, *([IMITATED_NOTE] if any(row.get("imitated") for row in rows) else [])]
+        click.echo("\n".join(map(_wrapped, [*notes, *shortlist(rows)])))
 
 
 def _rows(options: RunOptions, data: Sequence[Path]) -> list[PortRow]:
@@ -108,22 +116,27 @@ def _model_ports(places: LawPlaces, options: RunOptions, data: Sequence[Path]) -
     rows: list[PortRow] = port_table(places.ports)
     if data:
         job = open_job(data, options)
-        with ProgressBar(options.quiet) as progress:
-            found = fit_job(job, progress, again=True)
+        settings = replace(fit_settings(job), method="local")
+        found = fit_alone(job.recordings, job.model, job.parameters, settings, options.seed, options.workers)
         family = ModelicaFamily(places, options.out)
         responses, imitated = _port_responses(family, found)
-        limits = _limits(found, family)
+        limits, shares = _limits(found, family, options.workers)
         for row in rows:
             row["response"] = responses.get(row["id"])
             row["visible"] = visibility(row["response"])
             row["imitated"] = imitated.get(row["id"], {})
             row["limits"] = [vars(one) for one in limits if one.port == row["id"]]
+            row["explains"] = {t: share for t, (port, share) in shares.items() if port == row["id"]}
     return rows
 
 
-def _limits(fit: Fit, family: ModelicaFamily) -> tuple[Limit, ...]:
-    """What the recordings of a fit show of each law at each port of its model, beside what the fit leaves."""
-    with WorkerPool(0) as pool:
+def _limits(
+    fit: Fit, family: ModelicaFamily, workers: int | None
+) -> tuple[tuple[Limit, ...], dict[str, tuple[str, float]]]:
+    """What the recordings of a fit show of each law at each port of its model, beside what the fit leaves.
+
+    Also the port of each law, and the share of the error that it promises to explain."""
+    with WorkerPool(workers) as pool:
         open_ = partial(open_simulator, pool=pool)
         objective = lambda own: objective_of(own, open_(own.problem()))  # noqa: E731
         source = ModelSource(family, fit.calibration, fit.free, objective, open_, {})
@@ -131,11 +144,11 @@ def _limits(fit: Fit, family: ModelicaFamily) -> tuple[Limit, ...]:
         laws = tuple(t for t in placed if t not in family.curves())
         floors = noise_floors(fit.calibration.data.recordings, fit.outputs)
         control = Control(ParallelMap(pool), Counter(), lambda: False, lambda what, share: None)
-        search = Search(source, Library(laws, {}, ()), floors, control)
+        search = Search(source, Library(laws, {}, ()), floors, control, effort=Effort(beside_declared=False))
         search.begin(dict(zip(fit.calibration.parameters.names, fit.values.tolist(), strict=True)))
-        search.screen((), laws)
+        found = search.screen((), laws)
         search.models.close()
-        return limits_of(search, ())
+        return limits_of(search, ()), {t: (s.port, -math.expm1(-max(s.gain, 0.0))) for t, s in found.items()}
 
 
 def visibility(response: float | None) -> str:
@@ -299,22 +312,47 @@ def _orthogonal_part(rows: FloatArray, nuisance: FloatArray) -> FloatArray:
     return left
 
 
+def shortlist(rows: Sequence[PortRow]) -> list[str]:
+    """Say which laws explain a part of what is left by themselves, and how a loop is narrowed to them."""
+    shares = {t: share for row in rows for t, share in row.get("explains", {}).items()}
+    best = sorted((t for t in shares if shares[t] > LISTED_SHARE), key=lambda t: -shares[t])
+    told = f"{len(best) or 'none'} of {len(shares)} laws {'explain' if len(best) > 1 else 'explains'}"
+    told += " more than a tenth of what is left"
+    listed = ", ".join(f"{t} {shares[t]:.0%}" for t in best)
+    named = ", ".join(json.dumps(t) for t in best)
+    less = "a law that shows beside another one only may not be among them."
+    return [f"{told}: {listed}.", f"[loop] effects = [{named}] tries these only; {less}"] if best else [f"{told}."]
+
+
+def _wrapped(text: str, indent: str = "") -> str:
+    return textwrap.fill(text, WIDTH, initial_indent=indent, subsequent_indent=f"{indent}  ", break_on_hyphens=False)
+
+
 def _as_table(rows: Sequence[PortRow]) -> str:
-    """Return rows as aligned columns with a header; file and line in one, lists with spaces."""
-    if not any(row.get("imitated") for row in rows):
-        rows = [{key: value for key, value in row.items() if key != "imitated"} for row in rows]
+    """Return rows as aligned columns with a header; what is too wide for a terminal below each row."""
     shown = [_cells(row) for row in rows]
     if not shown:
         return "no ports"
-    table = [list(shown[0]), *(list(cells.values()) for cells in shown)]
-    widths = [max(map(len, column)) for column in zip(*table, strict=True)]
-    return "\n".join("  ".join(map(str.ljust, line, widths)).rstrip() for line in table)
+    columns = [key for key in shown[0] if key not in BELOW]
+    widths = {key: max(len(key), *(len(cells[key]) for cells in shown)) for key in columns}
+    while sum(widths.values()) + 2 * (len(widths) - 1) > WIDTH and len(widths) > 1:
+        del widths[max(list(widths)[1:], key=lambda key: widths[key])]
+    lines = ["  ".join(key.ljust(width) for key, width in widths.items()).rstrip()]
+    for cells in shown:
+        lines.append("  ".join(cells[key].ljust(width) for key, width in widths.items()).rstrip())
+        below = (key for key in cells if key not in widths and cells[key] not in ("", "-"))
+        lines += [_wrapped(f"{key}: {cells[key]}", "    ") for key in below]
+    return "\n".join(lines)
+
+
+#: What stands below the row of a port.
+BELOW = ("imitated", "limits", "laws", "no size is seen of", "summary")
 
 
 def _cells(row: PortRow) -> dict[str, str]:
     cells: dict[str, str] = {}
     for key, value in row.items():
-        if key == "line":
+        if key in ("line", "explains"):
             continue
         text = f"{path_in_library(value)}:{row['line']}" if key == "file" and value else value
         if key == "limits":
@@ -323,7 +361,8 @@ def _cells(row: PortRow) -> dict[str, str]:
             text = "; ".join(f"{like} by {names}" for like, names in value.items())
         if key == "response":
             text = "" if value is None else f"{value:.3g}"
+        if key == "laws" and "limits" in row:  # the others are there with their limits
+            key, known = "no size is seen of", {one["law"] for one in row["limits"]}
+            text = ", ".join(law for law in map(law_of, row["explains"]) if law not in known)
         cells[key] = " ".join(text) if isinstance(text, list) else str(text) or "-"
-    if "laws" in cells:
-        cells["laws"] = cells.pop("laws")
     return cells

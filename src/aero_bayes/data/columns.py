@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Literal
@@ -302,3 +303,24 @@ class Layout:
     def units(self) -> dict[str, str]:
         """SI unit of every column, time included."""
         return {"time": "s"} | {quantity.name: quantity.unit for quantity in (*self.inputs, *self.outputs)}
+
+
+def split_unit(column: str) -> tuple[str, str]:
+    """Return a column's name without its unit, and the unit: ``U [mV]``, ``phi (deg)``, ``time/s``, ``t_ms``.
+
+    HOBO's ``P, W (LGR S/N: 100)`` is P in W, and ``Date Time, GMT+01:00`` has no unit."""
+    if (hobo := re.fullmatch(r"([^,]*), ([^(,]*?)( \(.*\))?", column)) is not None:
+        unit = to_modelica_unit(hobo[2])
+        if hobo[2].startswith(("GMT", "UTC")) or unit in TEMPERATURES or base_units(unit or "?"):
+            return hobo[1], "" if hobo[2].startswith(("GMT", "UTC")) else unit
+    if (brackets := re.fullmatch(r"(.*?)[\s_]*[\[(](.*)[\])]\s*", column)) is not None:
+        return brackets[1], to_modelica_unit(brackets[2])
+    for mark in ("/", "_", " "):
+        name, _, unit = column.partition(mark) if mark == "/" else column.rpartition(mark)
+        if (
+            name
+            and (to_modelica_unit(unit) in TEMPERATURES or base_units(to_modelica_unit(unit) or "?"))
+            and to_modelica_unit(unit) != "1"
+        ):
+            return name, to_modelica_unit(unit)
+    return column, ""

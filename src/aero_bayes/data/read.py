@@ -17,7 +17,7 @@ from aero_bayes.arguments import names_of, paths_of, require_type, shown
 from aero_bayes.arrays import FloatArray
 from aero_bayes.data.cells import is_newest_first, plain_seconds
 from aero_bayes.data.checks import MIN_SAMPLES, check_recording
-from aero_bayes.data.columns import ColumnMap, Layout
+from aero_bayes.data.columns import ColumnMap, Layout, split_unit
 from aero_bayes.data.logs import log_source
 from aero_bayes.data.matlab import matlab_source
 from aero_bayes.data.means import with_means
@@ -324,7 +324,7 @@ class _Asked:
             sha256=given.sha256,
             path=files[0] if len(files) == 1 and files[0].is_file() else None,
             first_row=given.first_row,
-            notes=(*([given.note] if given.note else []), *self._doubts(given.named)),
+            notes=(*([given.note] if given.note else []), *self._doubts(given)),
         )
         recording = with_steady_clock(recording)
         for n, rows in given.bad.items():
@@ -342,23 +342,28 @@ class _Asked:
     def _is_mean(self, name: str) -> bool:
         return name in self.maps and self.maps[name].kind == "mean"
 
-    def _doubts(self, named: Mapping[str, str]) -> list[str]:
-        """Ask about columns whose header has another unit than they are said to be in."""
+    def _doubts(self, columns: Columns) -> list[str]:
+        """Ask about columns whose header has another unit than they are read in: that is given, or the model's."""
         found = []
-        for name, column in self.maps.items():
-            header = re.fullmatch(r".*? \[(.*)\]", named.get(name, ""))
-            told, given = (to_modelica_unit(unit) for unit in (header[1] if header else "", column.unit or ""))
-            if told and given and told != given and conversion(told, given) not in (None, (1.0, 0.0)):
+        for name, header in columns.named.items():
+            column = self._map_of(name, columns.named)
+            told, given = split_unit(header)[1], to_modelica_unit(column.unit or self.layout.units.get(name, ""))
+            known = conversion(told, given) if told and given and told != given else None
+            plain = (column.scale, column.offset) == (1.0, 0.0) and not (name == "time" and columns.origin)
+            if plain and known not in (None, (1.0, 0.0)):
                 found.append(f"{name} is read in {given}, but its header says {told}: which of them is right?")
         return found
 
     def _in_unit(self, values: FloatArray, name: str, named: Mapping[str, str]) -> FloatArray:
         """Convert values to the unit of the layout, from the unit that was given or the one in the column's name."""
+        return self._map_of(name, named).convert(values, name, self.layout.units[name])
+
+    def _map_of(self, name: str, named: Mapping[str, str]) -> ColumnMap:
+        """Return how a column is read: in the unit in its name where it is asked for without that."""
         column = self.maps.get(name, ColumnMap(name))
         called = re.fullmatch(r".*? \[(.*)\]", named.get(name, ""))
-        if column.unit is None and called and named[name] != column.source:
-            column = replace(column, unit=called[1])
-        return column.convert(values, name, self.layout.units[name])
+        asked = column.unit is None and called and named[name] != column.source
+        return replace(column, unit=called[1]) if asked and called else column
 
 
 def _at_rows(given: Columns, rows: NDArray[np.intp]) -> Columns:

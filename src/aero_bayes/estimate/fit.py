@@ -71,7 +71,9 @@ TIGHTER = 0.1
 
 
 def with_solver_difference(fit: Fit, open_simulator: OpenSimulator) -> Fit:
-    """Simulate the optimum at a tenth of the problem's tolerances, and compare outputs and parameters with the fit."""
+    """Simulate the optimum at a tenth of the problem's tolerances, and compare outputs and parameters with the fit.
+
+    Intervals are as much wider as the parameters move: a solver is no surer than that."""
     calibration = fit.calibration
     if calibration.process is not None:
         return fit
@@ -89,11 +91,19 @@ def with_solver_difference(fit: Fit, open_simulator: OpenSimulator) -> Fit:
         rows = np.concatenate([y[:, k] for y in moved])
         if np.isfinite(rows).any():
             sizes[output] = float(np.sqrt(np.nanmean(rows**2)))
-    return replace(fit, solver_difference=sizes, solver_shift=_shift(fit, moved) if sizes else {})
+    if not sizes:
+        return replace(fit, solver_difference={}, solver_shift={})
+    step = _moved_parameters(fit, moved)
+    count, covariance = len(step), fit.laplace.covariance.copy()
+    sd = np.maximum(fit.laplace.sd[:count], 1e-300)
+    shift = dict(zip(fit.laplace.names, np.abs(step / sd).tolist(), strict=False))
+    covariance[:count, :count] += np.outer(step, step)
+    wider = replace(fit.laplace, covariance=covariance)
+    return replace(fit, solver_difference=sizes, solver_shift=shift, laplace=wider)
 
 
-def _shift(fit: Fit, moved: list[FloatArray]) -> dict[str, float]:
-    """Return by how many of its standard deviations each free parameter moves where the outputs do by ``moved`` (n, m).
+def _moved_parameters(fit: Fit, moved: list[FloatArray]) -> FloatArray:
+    """Return by how much each free parameter moves, in search coordinates, where the outputs do by ``moved`` (n, m).
 
     To first order: one step of Gauss and Newton from the optimum."""
     white = np.concatenate(
@@ -107,10 +117,7 @@ def _shift(fit: Fit, moved: list[FloatArray]) -> dict[str, float]:
         ]
     )
     covariance = fit.optimum.laplace(fit.calibration.parameters)[0]
-    step = covariance @ (fit.optimum.whitened.slopes @ white)
-    sd = fit.laplace.sd[: len(step)]
-    names = fit.laplace.names[: len(step)]
-    return {name: abs(float(s)) for name, s in zip(names, step / np.maximum(sd, 1e-300), strict=True)}
+    return np.asarray(covariance @ (fit.optimum.whitened.slopes @ white))
 
 
 #: How often a fit is repeated without its outliers: the first one is drawn by them, so that it may not see all.
@@ -176,6 +183,18 @@ def fit(
         return request.fit(screened(recordings, model))
 
 
+def fit_alone(
+    recordings: Sequence[Recording], model: Model, parameters: ChosenParameters, settings: FitSettings, seed: int,
+    workers: int | None,
+) -> Fit:  # fmt: skip
+    """Return a fit without what is asked of it afterwards: whether another reading of the data explains what it leaves.
+
+    Of a poor fit that takes ten times as long as the fit."""
+    with threadpool_limits(limits=1, user_api="blas"):
+        request = _Request(model, parameters, settings, seed, workers, Watched(), None)
+        return request.alone(screened(recordings, model))
+
+
 class _Request:
     """What the fits of one call share: the model, the parameters to search, the settings and the seed."""
 
@@ -216,7 +235,27 @@ class _Request:
         return calibrate(recordings, model, free, fixed=fixed, noise=settings.noise, settings=settings.calibration)
 
     def fit(self, recordings: Sequence[Recording]) -> Fit:
-        """Fit each combination of listed values, and finish the likeliest: outliers, sensors, noise, checks."""
+        """Fit, and ask what else than the model may be behind what is left."""
+        found, opened, watched = self.alone(recordings), self.opened, self.progress
+        here = partial(opened, workers=0)  # one run needs no workers
+        found = with_held_beside(with_solver_difference(found, here), here)
+        if watched.asked_to_end:
+            return found
+        local, problem = replace(self.settings, method="local"), found.calibration
+
+        def fitted_again(other: Calibration) -> Fit:
+            return fit_calibration(other, opened, local, np.random.default_rng(self.seed))
+
+        told = with_start_finding(found, fitted_again, here)
+        if told is found:  # a wrong start looks like a constant at a reading, too
+            told = with_misread_finding(
+                found, lambda given: self.calibration(given, problem.model, problem.fixed), fitted_again, here
+            )
+        told = with_feedback(found, here) if told is found else told
+        return with_input_noise(found, here) if told is found else told
+
+    def alone(self, recordings: Sequence[Recording]) -> Fit:
+        """Fit each combination of listed values, and finish the likeliest: outliers, sensors, noise."""
         settings, opened, watched, cache = self.settings, self.opened, self.progress, self.cache
 
         def fitted(candidate: ValueCombination) -> Fit:
@@ -231,22 +270,7 @@ class _Request:
             found = _without_outliers(found, opened, settings, watched, cache)
         if settings.cost == "posterior" and not filtered and not watched.asked_to_end:
             found = _with_noise_kinds(_with_sensors(found), opened, settings, watched)
-        here = partial(opened, workers=0)  # one run needs no workers
-        found = with_held_beside(with_solver_difference(found, here), here)
-        if watched.asked_to_end:
-            return found
-        local, problem = replace(settings, method="local"), found.calibration
-
-        def fitted_again(other: Calibration) -> Fit:
-            return fit_calibration(other, opened, local, np.random.default_rng(self.seed))
-
-        told = with_start_finding(found, fitted_again, here)
-        if told is found:  # a wrong start looks like a constant at a reading, too
-            told = with_misread_finding(
-                found, lambda given: self.calibration(given, problem.model, problem.fixed), fitted_again, here
-            )
-        told = with_feedback(found, here) if told is found else told
-        return with_input_noise(found, here) if told is found else told
+        return found
 
 
 def _likeliest(candidates: Sequence[ValueCombination], fitted: Callable[[ValueCombination], Fit]) -> Fit:

@@ -10,13 +10,14 @@ from typing import Literal
 import numpy as np
 
 from aero_bayes.arrays import FloatArray
+from aero_bayes.estimate.fit import with_solver_difference
 from aero_bayes.estimate.identifiability import Estimate
 from aero_bayes.estimate.parameters import Parameter
 from aero_bayes.estimate.predict_recordings import Prediction
 from aero_bayes.estimate.residual_tests import ResidualReport, check_residuals
 from aero_bayes.estimate.result import Fit
 from aero_bayes.loop.decide import ClaimKind, Decision
-from aero_bayes.loop.first_fit import FirstFit, LoopContext, refitted
+from aero_bayes.loop.first_fit import SEARCHED, FirstFit, LoopContext, refitted
 from aero_bayes.loop.search import Search
 from aero_bayes.loop.table import Table, Terms, law_of
 from aero_bayes.plain import plain
@@ -115,7 +116,7 @@ class ExtendedFit:
 
 def extend(context: LoopContext, first: FirstFit, search: Search, decision: Decision) -> ExtendedFit:
     """Write the chosen terms into the model, and fit it at its best."""
-    context.progress("writing the extended model", 0.75)
+    context.statistics.tell("writing the extended model", SEARCHED)
     held = search.source.held
     laws = [t for t in decision.model if t not in held]
     best = search.fits[decision.model]
@@ -126,14 +127,16 @@ def extend(context: LoopContext, first: FirstFit, search: Search, decision: Deci
     names |= {t: tuple((n, n) for n in best.term_values(t)) for t in decision.model if t in held}
     added = (*(written.parameters if written is not None else ()), *(held[t] for t in decision.model if t in held))
     context.statistics.end_stage("extension")
-    context.progress("refitting the extended model", 0.85)
+    context.statistics.tell("refitting the extended model", 0.92)
     model = written.model if written is not None else first.plain.model
     calibration = first.with_terms(context, model, added)
     known = {first.plain.parameters.names[j] for j in first.fit.free}
     old = set(first.plain.parameters.names) - {p.name for p in added}
     free = tuple(j for j, p in enumerate(calibration.parameters) if p.name in known or p.name not in old)
     si = np.array([values.get(p.name, p.start) for p in calibration.parameters])
-    fit = refitted(context, calibration, si, replace(first.fit.optimum, free=free))
+    fit = with_solver_difference(
+        refitted(context, calibration, si, replace(first.fit.optimum, free=free)), context.open
+    )
     reports = check_residuals(calibration, fit.series, fit.optimum, first.floors)
     after = context.predictor.predict(calibration, fit.optimum)
     widths = written.widths if written is not None else {}

@@ -31,7 +31,7 @@ from aero_bayes.estimate.predict_recordings import Predictor
 from aero_bayes.estimate.residual_tests import ResidualReport, check_residuals, structured_residuals
 from aero_bayes.estimate.result import Fit
 from aero_bayes.parallel import ParallelMap
-from aero_bayes.progress import Progress, Watched
+from aero_bayes.progress import Watched
 from aero_bayes.simulation.engines import open_simulator
 from aero_bayes.simulation.interface import Outcome, Problem, Simulator, SolverSettings
 from aero_bayes.simulation.model import Model
@@ -115,25 +115,44 @@ class LoopSettings(SettingsDisplay):
         return replace(fit, calibration=calibration)
 
 
+#: Shares of a loop's progress at which the first fit ends, and the search.
+FITTED_FIRST, SEARCHED = 0.1, 0.9
+
+
 class LoopStatistics:
     """Time spent in each stage, the time limit, and counts of simulations; the only part of a loop that changes.
 
-    The search ends early where the progress that is ``watched`` is asked to end."""
+    The search ends early where the progress that is ``watched`` is asked to end. How far it is follows from its work
+    or from its time limit, whichever is further."""
 
     def __init__(self, watched: Watched | None = None) -> None:
         self.watched = watched or Watched()
         self.seconds: dict[str, float] = {}
         self.outcomes: Counter[Outcome] = Counter()
         self._clock = time.perf_counter()
-        self._until = math.inf
+        self._until, self._limit = math.inf, math.inf
+        self._told = ("", 0.0)
+
+    def tell(self, what: str, share: float) -> bool:
+        """Tell what is done and how far the loop is, which never falls; True where it is asked to end."""
+        self._told = what, max(share, self._told[1])
+        return self.watched(*self._told)
 
     def set_time_limit(self, seconds: float) -> None:
-        """Limit the time from now on, in s."""
-        self._until = time.perf_counter() + seconds
+        """Limit the time from now on, in s. What follows takes about as long as what came before: it fits, too."""
+        self._until, self._limit = time.perf_counter() + seconds, seconds
+        self.watched.ends_within(seconds + sum(self.seconds.values()))
+
+    def end_search(self) -> None:
+        """Tell that the search is over, and end its stage."""
+        self.watched.ends_within(sum(self.seconds.values()))
+        self.end_stage("search")
 
     def time_is_up(self) -> bool:
         """Whether the time limit has passed, or the search is asked to end."""
-        return time.perf_counter() > self._until or self.watched.again()
+        used = 1.0 - (self._until - time.perf_counter()) / self._limit if self._limit < math.inf else 0.0
+        share = FITTED_FIRST + (SEARCHED - FITTED_FIRST) * min(used, 1.0)
+        return self.tell(self._told[0], share if used > 0.0 else 0.0) or used > 1.0
 
     def end_stage(self, stage: str) -> None:
         """Add the time since the last stage ended to this stage."""
@@ -146,14 +165,13 @@ class LoopStatistics:
 class LoopContext:
     """What all stages of a loop share.
 
-    ``folder`` is where the extended model is written; ``progress`` receives what is done and how far it is (0 to 1)."""
+    ``folder`` is where the extended model is written."""
 
     family: ModelicaFamily
     recordings: Recordings
     settings: LoopSettings
     pool: WorkerPool
     folder: Path
-    progress: Progress
     statistics: LoopStatistics
     seed: int = 1
 
@@ -227,10 +245,11 @@ def first_fit(context: LoopContext, begin: Mapping[str, float]) -> FirstFit:
     """Fit the first model: led by the first readings, then with initial values that may be off them.
 
     ``begin`` holds SI values by name from which the fit begins, in place of those that the parameters declare."""
-    context.progress("building models", 0.0)
+    context.statistics.tell("building models", 0.0)
     model, recordings, settings = context.family.base_model(), context.recordings, context.settings
     context.statistics.end_stage("models")
-    context.progress("fitting the model as given", 0.05)
+    fitting = "fitting the model as given"
+    context.statistics.tell(fitting, 0.01)
     declared = _chosen(context, model)
     starts = [float(np.clip(begin.get(p.name, p.start), p.lower, p.upper)) for p in declared]
     own = settings.fitting
@@ -240,12 +259,16 @@ def first_fit(context: LoopContext, begin: Mapping[str, float]) -> FirstFit:
         noise=NoiseModel(sd=own.noise.sd, initial_sd=own.noise.initial_sd),
     )
 
+    def told(phase: str, share: float, *value: object) -> None:
+        context.statistics.tell(fitting, FITTED_FIRST * share)
+
     def fitted(method: str) -> Fit:
         chosen = declared.with_start(np.array(starts))
         how = replace(own, method=method)  # type: ignore[arg-type]
         return fit(
-            recordings.fitted, model, parameters=chosen, settings=how, seed=context.seed, workers=context.pool.size
-        )
+            recordings.fitted, model, parameters=chosen, settings=how, seed=context.seed, workers=context.pool.size,
+            progress=Watched(told),
+        )  # fmt: skip
 
     floors = noise_floors(recordings.everything, recordings.outputs)
     close = fitted("local")

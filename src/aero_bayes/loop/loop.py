@@ -25,7 +25,16 @@ from aero_bayes.estimate.result import Fit
 from aero_bayes.files import ScratchFolder
 from aero_bayes.loop.decide import ClaimKind, Decision, decide
 from aero_bayes.loop.extend import extend
-from aero_bayes.loop.first_fit import FirstFit, LoopContext, LoopSettings, LoopStatistics, beginning_share, first_fit
+from aero_bayes.loop.first_fit import (
+    FITTED_FIRST,
+    SEARCHED,
+    FirstFit,
+    LoopContext,
+    LoopSettings,
+    LoopStatistics,
+    beginning_share,
+    first_fit,
+)
 from aero_bayes.loop.make_result import Ended, result_of
 from aero_bayes.loop.models import FittedModel, ModelSource
 from aero_bayes.loop.result import LoopResult
@@ -137,12 +146,12 @@ def close_loop(
         known = [v.name for v in base.outputs]
         train, test, confirming = (screened(recordings, base) for recordings in (train, test, confirming))
         recordings = Recordings.of(train, test, settings.held_out, known, confirming)
-        context = LoopContext(family, recordings, settings, pool, folder, watched, LoopStatistics(watched), seed)
+        context = LoopContext(family, recordings, settings, pool, folder, LoopStatistics(watched), seed)
         result = _closed(context, begin)
         used = {fit.calibration.model.path for fit in (result.before, result.after)}
         for path in set((scratch.path / "fmu").glob("*.fmu")) - used:
             path.unlink()
-        watched("done", 1.0)
+        context.statistics.tell("done", 1.0)
         return replace(result, scratch=scratch)
 
 
@@ -154,14 +163,15 @@ def _closed(context: LoopContext, begin: Mapping[str, float]) -> LoopResult:
     # With a noise that differs from reading to reading, the first model was found to explain all.
     explained = cause is not None or (bool(first.plain.data.spreads) and not settings.require)
     search = searched(context, first, explained=explained)
-    context.progress("leaving out folds of readings", 0.7)
+    search.work("leaving out folds of readings", 1.0)
     decision = settled(search, statistics.time_is_up)
     if not explained:
         told = {*decision.model, *search.library.curves, *search.source.held}
         search.screen(decision.model, [t for t in search.library.offered if t not in told])
-    statistics.end_stage("search")
+    statistics.end_search()
     extended = extend(context, first, search, decision) if decision.model else None
     context.folder.mkdir(parents=True, exist_ok=True)
+    statistics.tell("judging what was found", 0.96)
     (context.folder / "structures.json").write_text(json.dumps(search.table.to_dict(), separators=(",", ":")))
     found = result_of(context, Ended(first, search, decision, extended), cause)
     search.models.close()
@@ -183,11 +193,11 @@ def searched(context: LoopContext, first: FirstFit, *, explained: bool = False) 
     laws = () if explained else placed
     curves = frozenset(family.curves())
     library = Library((*laws, *held), family.refinements(), curves, settings.require, settings.max_effects)
-    context.progress("trying each candidate", 0.15)
+    statistics.tell("trying each candidate", FITTED_FIRST)
     statistics.set_time_limit(60.0 * settings.max_minutes)
     control = Control(
         context.map, statistics.outcomes, statistics.time_is_up,
-        lambda what, done: context.progress(what, 0.2 + 0.5 * done),
+        lambda what, done: statistics.tell(what, FITTED_FIRST + (SEARCHED - FITTED_FIRST) * done),
     )  # fmt: skip
     predictor = context.predictor
 

@@ -40,7 +40,8 @@ class Effort:
     ones. Beside a structure so many terms are ``fitted`` after a brief fit (beside the first model, whose predictions
     are the worst; beside others), ``finished`` of them are fitted to the end, and ``begun`` with a beginning of the
     recordings. ``structures`` are fitted in all, ``swaps`` besides in the place of a term of the model. Beside
-    the first model each term is fitted from ``declared`` nominal sizes and declared values, finer laws, too."""
+    the first model each term is fitted from ``declared`` nominal sizes and declared values, finer laws, too; it is
+    screened ``beside_declared`` values, too."""
 
     beam: tuple[int, int, int] = (1, 4, 2)
     fitted: tuple[int, int] = (12, 6)
@@ -49,6 +50,7 @@ class Effort:
     structures: int = 45
     swaps: int = 15
     declared: int = 0
+    beside_declared: bool = True
 
     @classmethod
     def of(cls, steps: int) -> Effort:
@@ -65,6 +67,9 @@ EFFORTS = (
 LEAST_SWAPS = 2
 #: Points from which a term is fitted: by its slope, by simulation, and beside the declared values.
 MOST_STARTS = 3
+#: Share of a search's work that has been done once no larger structure is tried; and share of what is left of a part of
+#: it that its next tasks are taken for: how many rounds of tasks it has is not known before.
+GROWN, NEXT_TASKS = 0.7, 0.4
 #: What the kind of a promise beside the declared values begins with, at least.
 DECLARED = 2.0
 #: Steps of a brief fit and of one to the end, and the relative fall of the squared error that a step must promise.
@@ -109,6 +114,8 @@ class Search:
     skipped: dict[str, None] = field(default_factory=dict)
     completed: set[Terms] = field(default_factory=set)
     ended: str = ""
+    doing: tuple[str, float] = ("", 0.0)
+    done: float = 0.0
 
     def __post_init__(self) -> None:
         self.models = Models(self.source)
@@ -218,7 +225,7 @@ class Search:
             for k, parent in enumerate(parents):
                 if len(self.fits) < self.effort.structures and not self._late(f"structures of {size} terms"):
                     what = f"trying each term{' beside ' * bool(parent)}{', '.join(parent)}"
-                    self.control.tell(what, (size - 1 + k / len(parents)) / self.library.most_terms)
+                    self.work(what, GROWN * (size - 1 + (k + 1) / len(parents)) / self.library.most_terms)
                     self.extend(parent)
             here = self.table.best_of_size(self.fits).get(size)
             if here is not None and self._pays(here, best):
@@ -342,10 +349,19 @@ class Search:
 
     # tasks, perhaps in a process of their own
 
+    def work(self, what: str, until: float) -> None:
+        """Begin a part of the work, at the end of which so much of the whole is done."""
+        self.done, self.doing = self.doing[1], (what, until)
+        self.control.tell(what, self.done)
+
     def _map(self, works: Sequence[Callable[[], R]]) -> list[R | None]:
         """Do tasks; those that cannot be done give None."""
         tasks = [Task(partial(_tried, work), self.control.counts) for work in works]
-        return self.control.map(tasks)
+        (what, until), begun = self.doing, self.done
+        step = NEXT_TASKS * (until - begun)
+        found = self.control.map(tasks, lambda share: self.control.tell(what, begun + step * share))
+        self.done += step
+        return found
 
     def _screen(self, parent: Terms, term: str) -> Screened:
         """Screen a term beside a fit, of the first model beside its declared values, too.
@@ -360,7 +376,7 @@ class Search:
         best = min(known, key=lambda f: self.table.order(f.terms), default=None)
         values = [tuple(best.term_values(term).values())] if best is not None else []
         found = Screen(fitted, model, term, self.folds).run(values)
-        declared = fitted.at_declared_values() if not parent else None
+        declared = fitted.at_declared_values() if not parent and self.effort.beside_declared else None
         if declared is not None:
             loss = self.folds.on_fitted(declared) - self.folds.on_fitted(fitted)
             there = Screen(declared, model, term, self.folds).run()

@@ -79,18 +79,22 @@ def parameter_table(parameters: Mapping[str, ParameterJson], caption: str = "Est
     rows: list[tuple[object, ...]] = []
     for name, stated in sorted(parameters.items(), key=lambda item: _RANKS.get(item[1].status or "", 1)):
         shown, sure = parameter_quantity(stated)
-        interval = Markup('{}<span class="to"> … </span>{}').format(shown.low, shown.high) if sure else NO_VALUE
+        ends = Markup(
+            '<span class="whole">{}<span class="to">\u00a0…</span></span> <span class="whole">{}</span>'
+        ).format(shown.low, shown.high)
         about = Markup("{}<small>{}</small>").format(symbol(name), stated.description)
         own = f"of {stated.recording} alone" if stated.recording else ""
         held = stated.status in {"unidentified", "at_bound"}
-        value = Markup('<span class="held">{}</span>').format(shown.value) if held else shown.value
-        rows.append((about, value, interval, shown.unit, status_pill(stated.status or ""),
+        value = Markup('<span class="{}">{}</span><small class="narrow">{}</small>').format(
+            "held whole" if held else "whole", shown.value, shown.unit
+        )
+        rows.append((about, value, ends if sure else NO_VALUE, shown.unit, status_pill(stated.status or ""),
                      "; ".join(filter(None, (stated.note, own)))))  # fmt: skip
     columns = ["parameter", "value", "90 % interval", "unit"]
     columns += ["status", ""]
     if not any(row[-1] for row in rows):
         columns, rows = columns[:-1], [row[:-1] for row in rows]
-    return html_table(columns, rows, caption)
+    return Markup('<div class="estimates">{}</div>').format(html_table(columns, rows, caption)) if rows else Markup("")
 
 
 def prior_table(parameters: Mapping[str, ParameterJson]) -> Markup:

@@ -88,14 +88,20 @@ class RoundedValue:
 def rounded_value(
     value: float | None, low: float | None, high: float | None, unit: str, digits: int = 2
 ) -> RoundedValue:
-    """Round a value to two digits of its interval's half-width; without an interval, to four digits."""
+    """Round a value to two digits of its interval's half-width; without an interval, to four digits.
+
+    Of a half-width from 3.55 on that is small beside the value one digit is enough, as results of measurements are
+    rounded: it moves no end by more than a seventh of the half-width."""
     sizes = [abs(x) for x in (value, low, high) if x is not None and math.isfinite(x) and x != 0]
     largest = max(sizes, default=1.0)
-    power = 0 if 1e-3 <= largest < 1e5 else 3 * math.floor(math.log10(largest) / 3)
+    power = 0 if 1e-4 <= largest < 1e5 else 3 * math.floor(math.log10(largest) / 3)
     scale = 10.0**power
     decimals = max(0, min(9, 3 - math.floor(math.log10(largest / scale))))
     if low is not None and high is not None and high > low:
-        decimals = max(0, min(9, digits - 1 - math.floor(math.log10((high - low) / 2 / scale))))
+        half = 0.5 * (high - low)
+        mantissa, exponent = f"{half / scale:.2e}".split("e")
+        fewer = value is not None and float(mantissa) >= 3.55 and half < 0.1 * abs(value)
+        decimals = max(0, min(9, max(digits - fewer, 1) - 1 - int(exponent)))
     label = pretty_unit(unit)
     if power:
         label = f"×10{str(power).translate(_SUPERSCRIPT)} {label}".strip()

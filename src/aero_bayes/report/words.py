@@ -138,8 +138,11 @@ def _cause(row: DiagnosisJson) -> str:
 
 def checks_line(result: RunJson) -> str:
     """Return one line: the state of each cause but the model that may be behind a residual of what was fitted."""
-    states = [f"{r.cause} {'to look at' if r.found else 'ok'}" for r in result.diagnosis if r.cause != "model"]
-    return f"Checks: {', '.join(states)}." if states else ""
+    causes = [row for row in result.diagnosis if row.cause != "model"]
+    found, fine = ([row.cause for row in causes if row.found is seen] for seen in (True, False))
+    told = [f"look at the {join_names(found)}"] if found else []
+    told += [f"{join_names(fine)} {'is' if len(fine) == 1 else 'are'} in order"] if fine else []
+    return f"Checks: {'; '.join(told)}." if told else ""
 
 
 #: Characters that not every terminal has.
