@@ -56,6 +56,9 @@ def test_the_noise_of_a_meter_is_told(exported: Callable[[str], aero_bayes.Model
     assert "0.8 N" in fit.diagnosis["data"].what
     assert fit.diagnosis.explanation is None  # a missing effect may leave as much: it is still looked for
     assert "F was read with noise" in fit.verdict
+    assert {fit[name].status for name in ("k", "d")} == {"weak"}
+    quiet, _ = told(driven(1, 0.0), exported(CART))
+    assert {quiet[name].status for name in ("k", "d")} == {"identified"}
 
 
 def test_a_quiet_meter_is_not_blamed_for_a_missing_effect(exported: Callable[[str], aero_bayes.Model]) -> None:

@@ -31,6 +31,8 @@ MIN_MOVE = 0.005
 
 #: Why a parameter has no interval whose derivative is none.
 NO_DERIVATIVE = "no interval: the model switches, and its differences over a small step and a large one do not agree"
+#: Note of a parameter that a known fault of the data moves.
+BIASED = "the noise of an input biases it: its interval holds for an input without"
 #: Notes of an interval without an upper and without a lower end, to be filled with ``(q05, q95, lower, upper)``.
 OPEN_ENDS = (
     "one-sided interval, > {0}: the readings do not tell larger values apart, up to the bound {3}",
@@ -366,7 +368,7 @@ class Estimate:
         ends = (f"{end:.4g}" for end in (self.q05, self.q95, self.lower, self.upper) if end is not None)
         told = "; ".join(filter(None, (self.note, note.format(*ends) if note in OPEN_ENDS else note)))
         if note != NO_DERIVATIVE and note not in OPEN_ENDS:
-            return replace(self, note=told)
+            return replace(self, note=told, status=Status.WEAK if note == BIASED else self.status)
         status = Status.WEAK if note in OPEN_ENDS else self.status
         return replace(self, status=status, note=told, sd=None, q05=None, q50=None, q95=None)
 

@@ -5,6 +5,7 @@ the fit; the responses of all samples add up in their squares. An input that tru
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -14,6 +15,7 @@ from aero_bayes.data.find_table import DataFinding
 from aero_bayes.data.noise import noise_floor
 from aero_bayes.data.recording import Recording
 from aero_bayes.display import with_unit
+from aero_bayes.estimate.identifiability import BIASED
 from aero_bayes.estimate.local_fit import OpenSimulator
 from aero_bayes.estimate.noise import autocorrelation, autocovariance
 from aero_bayes.estimate.other_reading import changed_outputs, told_fit
@@ -91,4 +93,7 @@ def _told(fit: Fit, recording: Recording, name: str, sd: float, output: str, siz
         f"{output} by {texts[1]}, and the residual is {texts[2]}"
     )
     done = f"Measure {name} with less noise, or take the values as biased: the model may be right."
+    names, told = fit.calibration.parameters.names, dict(fit.failed_intervals)
+    told |= dict.fromkeys((names[j] for j in fit.free), BIASED)
+    fit = replace(fit, failed_intervals=told)
     return told_fit(fit, DataFinding("noise", recording.name, name, what, recording.name, done, False))

@@ -4,18 +4,21 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
 
 from aero_bayes.arrays import FloatArray
+from aero_bayes.errors import CannotFinishError
 from aero_bayes.estimate.fit import with_solver_difference
 from aero_bayes.estimate.identifiability import Estimate
 from aero_bayes.estimate.parameters import Parameter
 from aero_bayes.estimate.predict_recordings import Prediction
 from aero_bayes.estimate.residual_tests import ResidualReport, check_residuals
 from aero_bayes.estimate.result import Fit
+from aero_bayes.estimate.simulate import MIN_LOG_LIKELIHOOD_GAIN, with_interpolation
 from aero_bayes.loop.decide import ClaimKind, Decision
 from aero_bayes.loop.first_fit import SEARCHED, FirstFit, LoopContext, refitted
 from aero_bayes.loop.search import Search
@@ -134,9 +137,8 @@ def extend(context: LoopContext, first: FirstFit, search: Search, decision: Deci
     old = set(first.plain.parameters.names) - {p.name for p in added}
     free = tuple(j for j, p in enumerate(calibration.parameters) if p.name in known or p.name not in old)
     si = np.array([values.get(p.name, p.start) for p in calibration.parameters])
-    fit = with_solver_difference(
-        refitted(context, calibration, si, replace(first.fit.optimum, free=free)), context.open
-    )
+    fit = _read_likelier(context, refitted(context, calibration, si, replace(first.fit.optimum, free=free)))
+    fit, calibration = with_solver_difference(fit, context.open), fit.calibration
     reports = check_residuals(calibration, fit.series, fit.optimum, first.floors)
     after = context.predictor.predict(calibration, fit.optimum)
     widths = written.widths if written is not None else {}
@@ -149,6 +151,20 @@ def extend(context: LoopContext, first: FirstFit, search: Search, decision: Deci
     )
     context.statistics.end_stage("judgement")
     return ExtendedFit(written, added, effects, fit, reports, after)
+
+
+def _read_likelier(context: LoopContext, fit: Fit) -> Fit:
+    """The fit with each input read as is likelier, held or linear between its samples.
+
+    That was chosen beside the first model, which leaves too much to tell; half a sample is a delay's worth."""
+    if context.settings.fitting.calibration.interpolation != "auto":
+        return fit
+    for name, how in fit.calibration.data.interpolation.items():
+        other = with_interpolation(fit.calibration, {name: "hold" if how == "linear" else "linear"})
+        with suppress(CannotFinishError):
+            found = refitted(context, other, fit.values, replace(fit.optimum, free=fit.free))
+            fit = found if found.log_likelihood > fit.log_likelihood + MIN_LOG_LIKELIHOOD_GAIN else fit
+    return fit
 
 
 def _effect(

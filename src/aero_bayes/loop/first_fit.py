@@ -148,9 +148,13 @@ class LoopStatistics:
         self.watched.ends_within(sum(self.seconds.values()))
         self.end_stage("search")
 
+    def used(self) -> float:
+        """Share of the time limit that has passed."""
+        return 1.0 - (self._until - time.perf_counter()) / self._limit if self._limit < math.inf else 0.0
+
     def time_is_up(self) -> bool:
         """Whether the time limit has passed, or the search is asked to end."""
-        used = 1.0 - (self._until - time.perf_counter()) / self._limit if self._limit < math.inf else 0.0
+        used = self.used()
         share = FITTED_FIRST + (SEARCHED - FITTED_FIRST) * min(used, 1.0)
         return self.tell(self._told[0], share if used > 0.0 else 0.0) or used > 1.0
 

@@ -197,7 +197,7 @@ def searched(context: LoopContext, first: FirstFit, *, explained: bool = False) 
     statistics.set_time_limit(60.0 * settings.max_minutes)
     control = Control(
         context.map, statistics.outcomes, statistics.time_is_up,
-        lambda what, done: statistics.tell(what, FITTED_FIRST + (SEARCHED - FITTED_FIRST) * done),
+        lambda what, done: statistics.tell(what, FITTED_FIRST + (SEARCHED - FITTED_FIRST) * done), statistics.used,
     )  # fmt: skip
     predictor = context.predictor
 

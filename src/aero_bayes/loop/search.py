@@ -70,6 +70,9 @@ MOST_STARTS = 3
 #: Share of a search's work that has been done once no larger structure is tried; and share of what is left of a part of
 #: it that its next tasks are taken for: how many rounds of tasks it has is not known before.
 GROWN, NEXT_TASKS = 0.7, 0.4
+#: Share of the time limit after which structures no longer grow: what is found has yet to be held against all else in
+#: the place of each of its terms, or no law can be named.
+GROWING_TIME = 0.5
 #: What the kind of a promise beside the declared values begins with, at least.
 DECLARED = 2.0
 #: Steps of a brief fit and of one to the end, and the relative fall of the squared error that a step must promise.
@@ -91,12 +94,15 @@ class Library:
 
 @dataclass(frozen=True, eq=False)
 class Control:
-    """How a search is run: its map over independent tasks, their counts, its time limit and its report."""
+    """How a search is run: its map over independent tasks, their counts, its time limit and its report.
+
+    ``used`` is the share of the time limit that has passed."""
 
     map: ParallelMap
     counts: Counter[Outcome]
     late: Callable[[], bool]
     tell: Callable[[str, float], object]
+    used: Callable[[], float] = lambda: 0.0
 
 
 @dataclass(eq=False)
@@ -223,7 +229,8 @@ class Search:
                 break
             parents = self._beam(size - 1)
             for k, parent in enumerate(parents):
-                if len(self.fits) < self.effort.structures and not self._late(f"structures of {size} terms"):
+                room = 1.0 if size == len(first) + 1 else GROWING_TIME
+                if len(self.fits) < self.effort.structures and not self._late(f"structures of {size} terms", room):
                     what = f"trying each term{' beside ' * bool(parent)}{', '.join(parent)}"
                     self.work(what, GROWN * (size - 1 + (k + 1) / len(parents)) / self.library.most_terms)
                     self.extend(parent)
@@ -240,9 +247,9 @@ class Search:
         falls = (self.table.witnesses(here) - self.table.witnesses(best)).min(axis=1)
         return bool(np.any(falls <= math.log(MATERIAL)))
 
-    def _late(self, what: str) -> bool:
-        """Whether the time limit has passed; what was being done then is kept."""
-        if not self.ended and self.control.late():
+    def _late(self, what: str, room: float) -> bool:
+        """Whether this share of the time limit has passed; what was being done then is kept."""
+        if not self.ended and (self.control.late() or self.control.used() > room):
             self.ended = what
         return bool(self.ended)
 
@@ -332,6 +339,14 @@ class Search:
         freed = {n for t in {*model} - {*part} if t in self.source.held for n in self.fits[model].term_values(t)}
         values = {name: value for name, value in self.fits[model].values.items() if name not in freed}
         self.keep({part: self.found(part, self.at_values(part, values, part), WHOLE)})
+        for fine in {*model} - {*part}:  # the coarser law from the values of the finer one, whatever it promises
+            if (coarse := self.library.refines.get(fine, "")) in self.library.offered and coarse not in part:
+                child = _plus(part, coarse)
+                if (simulated := self.models.of(child)) is not None:
+                    ends = (self.fits[model].model, fine), (simulated, coarse)
+                    size, own = (m.objective.parameters.names[m.candidates[t].columns[0]] for m, t in ends)
+                    like = self.at_values(child, {**values, own: values.get(size, 0.0)}, child)
+                    self.keep({child: self.found(child, like, WHOLE)})
         if part in self.fits and len(part) + 1 == len(model):
             self.extend(part, self.folds.on_fitted(self.fits[model]) - 2.0 * math.log(MATERIAL))
 

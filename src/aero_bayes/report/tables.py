@@ -22,7 +22,7 @@ from aero_bayes.report.text import (
 
 _STATUS_WORDS = {
     "identified": "the data determine it",
-    "weak": "the data add little to the prior, or show it only together with another value",
+    "weak": "the data add little to the prior, show it only together with another value, or bias it",
     "unidentified": "the data do not determine it",
     "fixed": "not fitted",
     "at_bound": "the best value lies on a bound of its range",

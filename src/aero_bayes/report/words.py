@@ -114,7 +114,7 @@ def _fit_verdict(result: RunJson) -> VerdictJson:
         of = f"error in {join_names([f'`{name}`' for name in patterns])}" if patterns else "error"
         if told:
             cause = next(row.cause for row in found if row.cause != "model")
-            text = f"{told[0]} The {of} follows a pattern. The {cause} may be the cause of it: mend that first."
+            text = f"{told[0]} The {of} follows a pattern, which may come from the {cause} and not from the model."
         else:
             beyond = "that faulty data, the solver, a stuck search or coloured noise do not explain"
             text = f"The model misses something: its {of} follows a pattern {beyond}."
