@@ -136,15 +136,15 @@ def test_a_start_that_the_recording_contradicts_is_told(modelica, warm):
 
 
 def test_the_starts_that_a_model_fixes_can_be_estimated(modelica, warm):
-    """One a recording, of the states that no output reads; none twice."""
+    """One a recording, of the states that no output reads and those whose first reading agrees; none twice."""
     made = aero_bayes.fit(warm, modelica(ROOM), parameters=["C_a"], settings=LOCAL, workers=0).calibration
     e = made.data.experiments[0]
     uneven = replace(e, spread=np.full((e.time.size, 1), 2.0))  # of noise that differs by reading
     assert min(state_sizes(made.model, uneven, list(made.model.states)).values()) > 1.0  # K
     held = held_starts(made)
-    assert {state: [p.name for p in own] for state, own in held.items()} == {"T_w": ["T_w_start"]}
-    wider = searched_too(made, held["T_w"])
-    assert wider.parameters.names == (*made.parameters.names, "T_w_start")
+    assert {state: [p.name for p in own] for state, own in held.items()} == {s: [f"{s}_start"] for s in ("T", "T_w")}
+    wider = searched_too(made, [*held["T"], *held["T_w"]])
+    assert wider.parameters.names == (*made.parameters.names, "T_start", "T_w_start")
     assert held_starts(wider) == {}
 
 

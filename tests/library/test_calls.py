@@ -82,7 +82,7 @@ MISTAKES: dict[str, tuple[Callable[[SimpleNamespace], object], str]] = {
     "a start outside its bounds": (
         lambda c: aero_bayes.fit(c.recording, c.model, parameters={"k": ParameterSpec(lower=60)}), "start 50 N/m lies",
     ),
-    "fit without a parameter": (lambda c: c.fit["K"], "no parameter 'K', found k, d, position_start; did you mean k?"),
+    "fit without a parameter": (lambda c: c.fit["K"], "no parameter 'K', found k, d; did you mean k?"),
     "sampling a recording": (lambda c: aero_bayes.sample(c.recording), "expected a Fit, as aero_bayes.fit gives"),
     "one chain": (lambda c: aero_bayes.sample(c.fit, chains=1), "chains: 1 chains"),
     "loop on a file": (lambda c: aero_bayes.close_loop("train.csv", model=c.model), "train: expected a Recording"),

@@ -46,10 +46,8 @@ def test_another_recording_starts_at_its_own_readings(cart: SimpleNamespace):
     moved = replace(cart.recording, outputs={"position": cart.recording.outputs["position"] + 0.05}, sha256="")
     found = cart.fit.simulate(moved).outputs["position"]
     first = cart.recording.outputs["position"][cart.recording.time < 1.0]  # at rest until the force first changes
-    shift = cart.fit["position_start"].value - np.mean(first)  # as far off its readings as the fitted one
-    doubt = np.std(first) / np.sqrt(first.size)
-    assert abs(shift) > 6.0 * doubt
-    assert found[0] == pytest.approx(np.mean(first) + 0.05 + shift, abs=doubt)
+    assert cart.fit.simulate(cart.recording).outputs["position"][0] == 0.0  # where the model fixes it
+    assert found[0] == pytest.approx(np.mean(first) + 0.05, abs=3.0 * np.std(first) / np.sqrt(first.size))
 
 
 @pytest.mark.parametrize(

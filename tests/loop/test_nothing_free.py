@@ -38,7 +38,7 @@ end Cart;
         LoopSettings(), WorkerPool(0), tmp_path, LoopStatistics(),
     )  # fmt: skip
     base = first_fit(context, {})
-    assert base.plain.parameters.names == ("v_start",)
+    assert base.plain.parameters.names == ()
     (report,) = base.reports
     left = 0.05 * np.sin(2.0 * time[:280]) + noise[:280]
     np.testing.assert_allclose(report.rms, np.sqrt(np.mean(left**2)), rtol=0.1)

@@ -170,7 +170,7 @@ def fit(
     Examples
     --------
     >>> aero_bayes.fit(recording, model, parameters=["k", "d"], workers=0)
-    <Fit Rig: k=54.9 N/m, d=3.899 N.s/m, position_start=-0.0007211 m>
+    <Fit Rig: k=54.9 N/m, d=3.899 N.s/m>
     """
     recordings = require_all(recordings, Recording, "recordings")
     require_type(model, Model, "model")

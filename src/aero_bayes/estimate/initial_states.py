@@ -43,12 +43,15 @@ from aero_bayes.simulation.problem_checks import check_process
 from aero_bayes.unknown_names import closest_name
 
 #: ``reading``: states that are outputs start at their first reading; ``estimated``: every state's start is estimated;
-#: ``auto``: those that are outputs and may start anywhere are estimated about their reading.
+#: ``auto``: those that are outputs and may start anywhere are estimated about their reading, but where this agrees with
+#: a start that the model fixes.
 StartPolicy = Literal["auto", "reading", "estimated"]
 
 #: Prior standard deviation of an initial value about its reading: this many of the largest plausible standard
 #: deviations of the noise, limited to shares of the output's range.
 NOISE_DEVIATIONS, MIN_SPREAD_SHARE, MAX_SPREAD_SHARE = 5.0, 0.002, 0.1
+#: Standard deviations of the noise within which a first reading agrees with a start that the model fixes.
+HELD_WITHIN = 3.0
 #: Readings at the beginning whose noise counts, too.
 FIRST_READINGS = 20
 #: Bounds of an initial value about its expectation, in prior standard deviations.
@@ -75,6 +78,9 @@ def start_parameters(
         free = may_start_at_rest is None or name in may_start_at_rest
         if state is None or state.name in given or reading is None or not (free or in_motion or policy == "estimated"):
             continue
+        held = policy == "auto" and may_start_at_rest is None
+        if held and starts_as_fixed(model, state, recording, name, reading):
+            continue
         start[state.name] = reading
         seen.add(state.name)
         if policy == "estimated" or (policy == "auto" and free):
@@ -85,6 +91,14 @@ def start_parameters(
         spreads = state_sizes(model, experiment, rest)
         found += [held_start(model, s, spreads[s.name], suffix, index) for s in rest]
     return start, found
+
+
+def starts_as_fixed(model: Model, state: Variable, recording: Recording, output: str, reading: float) -> bool:
+    """Return whether a state starts where the model fixes it: a reading that contradicts that counts for more."""
+    if state.name not in model.fixed_starts:
+        return False
+    noise = output_noise_floor(recording, output).sd or 0.0
+    return abs(reading - (state.start or 0.0)) <= HELD_WITHIN * noise
 
 
 def _reading_spread(recording: Recording, name: str, values: FloatArray) -> float:
@@ -206,7 +220,8 @@ class CalibrationSettings(SettingsDisplay):
         default what the model's package declares, and where it declares none there
         is no delay.
     initial_states : {"auto", "reading", "estimated"}
-        Initial values of states, see :class:`StartPolicy`.
+        Initial values of states, see :class:`StartPolicy`. With ``auto``, ``fixed = true`` in the Modelica model holds
+        the start of a state that is read, too, where its first reading does not contradict it.
     may_start_at_rest : tuple of str, optional
         Outputs whose state may start anywhere, at rest; other states start at the model's own values unless the
         recording begins in mid-motion. By default what the model's package declares, else every output that is a
@@ -224,7 +239,7 @@ class CalibrationSettings(SettingsDisplay):
     --------
     >>> settings = aero_bayes.FitSettings(calibration=aero_bayes.CalibrationSettings(delay="none"))
     >>> list(aero_bayes.fit(recording, model, parameters=free, settings=settings, workers=0).parameters)
-    ['k', 'd', 'position_start']
+    ['k', 'd']
     """
 
     outputs: tuple[str, ...] | None = None

@@ -286,7 +286,7 @@ def _left(fit: Fit, rate: float, ahead: float, moved: set[int]) -> float:
             at = time[0] + (at - time[0]) * (1.0 + rate) + ahead
         sd = fit.noise[series.output].sd
         rows.append((series.measured[::every] - np.interp(at, time, predicted[k])) / sd)
-        columns.append(np.array([np.interp(at, time, row) for row in slopes[k]]).reshape(len(slopes[k]), -1) / sd)
+        columns.append(np.array([np.interp(at, time, row) for row in slopes[k]]).reshape(-1, at.size) / sd)
     residual, design = np.concatenate(rows), np.concatenate(columns, axis=1)
     after = np.split(after_step(design, residual), np.cumsum([r.size for r in rows])[:-1])
     # The present residual is of unit size in each output.

@@ -245,7 +245,7 @@ class OtherTools(FittedResult):
         >>> from scipy.io import loadmat
         >>> read = loadmat(fit.to_matlab("fit.mat"), simplify_cells=True)["fitted"]
         >>> bool(read["parameter"]["k"] == fit["k"].value), read["unit"][0], read["covariance"].shape
-        (True, 'N/m', (3, 3))
+        (True, 'N/m', (2, 2))
         """
         path = _target(path, (".m", ".mat"))
         content = self._matlab_content()

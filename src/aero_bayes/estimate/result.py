@@ -146,9 +146,9 @@ class Fit(OtherTools, HasPage):
     >>> with open_simulator(fit.calibration.problem(), workers=0) as simulator:
     ...     target, joint = fit.target(simulator), fit.joint_target(simulator)
     ...     target.free, joint.target.free
-    ((0, 1, 2), (0, 1, 2))
+    ((0, 1), (0, 1))
     >>> fit.covariance.shape
-    (3, 3)
+    (2, 2)
     >>> [row.cause for row in fit.diagnosis if row.found]
     ['model']
     """

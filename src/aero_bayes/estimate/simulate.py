@@ -21,7 +21,7 @@ from aero_bayes.errors import CannotFinishError, InputError
 from aero_bayes.estimate import swarm as pso
 from aero_bayes.estimate.calibration import Calibration
 from aero_bayes.estimate.global_search import GlobalSearch, GlobalSearchResult
-from aero_bayes.estimate.initial_states import in_units_of, state_of
+from aero_bayes.estimate.initial_states import first_reading_of, in_units_of, starts_as_fixed, state_of
 from aero_bayes.estimate.local_fit import GOOD_FIT_RATIO, OpenSimulator, Optimum, floor_ratio
 from aero_bayes.estimate.measured_data import MeasuredData
 from aero_bayes.simulation.engines import open_simulator
@@ -285,8 +285,16 @@ def _problem(
 
 
 def _first_readings(recording: Recording, calibration: Calibration) -> dict[str, float]:
-    """Read the start of states of a new recording, where they started at a reading in those that were fitted."""
+    """Read the start of states of a new recording, where they started at a reading in those that were fitted.
+
+    So start those that the model fixes elsewhere than this recording begins."""
+    model = calibration.model
     begun = {state for experiment in calibration.data.experiments for state in experiment.start}
+    anywhere = set(calibration.data.outputs) if model.declared.recording.resting is None else set()
+    for output in anywhere & recording.outputs.keys():
+        state, reading = state_of(model, output), first_reading_of(recording.outputs[output], recording)
+        if state is not None and reading is not None and state.name in model.fixed_starts:
+            begun |= set() if starts_as_fixed(model, state, recording, output, reading) else {state.name}
     readings = {state: first_reading(recording, StartTarget(state), calibration) for state in sorted(begun)}
     return {state: first.level for state, first in readings.items() if first is not None}
 

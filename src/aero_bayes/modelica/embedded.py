@@ -47,6 +47,11 @@ def write_fmi2_description(
     ET.SubElement(categories, "Category", name="logStatusError", description="Calls that failed")
     ET.SubElement(categories, "Category", name="logStatusWarning", description="Calls to look at")
     ET.SubElement(root, "DefaultExperiment", startTime="0", stopTime=f"{stop or DEFAULT_STOP:.12g}", tolerance="1e-6")
+    if fixed := [v.name for v in layout.states if v.fixed]:  # FMI says as much of a start that is a guess
+        tool = ET.SubElement(ET.SubElement(root, "VendorAnnotations"), "Tool", name="aero-bayes")
+        group = ET.SubElement(tool, "FixedStarts")  # the schema has one element in a tool
+        for name in fixed:
+            ET.SubElement(group, "FixedStart", state=name)
     add_variables(root, list(_variables(model, layout)))
     ET.indent(root)
     text = ET.tostring(root, encoding="unicode")

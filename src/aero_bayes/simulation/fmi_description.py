@@ -20,8 +20,9 @@ from aero_bayes.simulation.model_description import (
     outputs_named_by_states,
 )
 
-#: Where our own FMUs list laws that act on the signals of inputs.
+#: Where our own FMUs list laws that act on the signals of inputs, and states whose start the model fixes.
 _OPERATORS = "VendorAnnotations/Tool[@name='aero-bayes']/Operator"
+_FIXED_STARTS = "VendorAnnotations/Tool[@name='aero-bayes']/FixedStarts/FixedStart"
 
 
 class _DoctypeError(Exception):
@@ -316,6 +317,7 @@ def _description(path: Path, root: Element, interface: Element, three: bool) -> 
             DescribedOperator(o.get("input", ""), tuple(o.get("parameters", "").split()))
             for o in root.iterfind(_OPERATORS)
         ),
+        fixed_starts=tuple(o.get("state", "") for o in root.iterfind(_FIXED_STARTS)),
     )
 
 

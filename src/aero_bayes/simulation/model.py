@@ -126,6 +126,8 @@ class Model(ModelDescription):
         What has to be installed for the FMU to run, where it says so (``needsExecutionTool``).
     operators : tuple of DescribedOperator
         Laws that act on an input and may be applied to its signal before a run.
+    fixed_starts : tuple of str
+        States that start where the model says (``fixed = true``), where that is known: of Modelica and our own FMUs.
     declared : PackageDeclaration
         What the package that it is from declares of its rigs.
     source : ModelicaSource, optional

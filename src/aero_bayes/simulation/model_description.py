@@ -83,6 +83,7 @@ class ModelDescription:
     step_size: float | None = None
     execution_tool: str = ""
     operators: tuple[DescribedOperator, ...] = ()
+    fixed_starts: tuple[str, ...] = ()
 
     @property
     def units(self) -> dict[str, str]:
