@@ -165,6 +165,18 @@ def test_what_is_required_stays_and_is_not_claimed():
     assert set(found.claims) == {"b@v"}
 
 
+def test_no_output_pays_for_another():
+    one, other = table({"": 1.0, "a@u": 0.5}), table({"": 1.0, "a@u": 1.0}, {"a@u": 1.05})
+
+    def beside(k):
+        parts = [one.rows[k], other.rows[k]]
+        return Row(k, np.hstack([p.errors for p in parts]), 1, True, np.hstack([p.validation for p in parts]))
+
+    both = Table(("y", "z"), np.full(2, 1e-12), one.ports, {}, set(), {k: beside(k) for k in one.rows})
+    assert decide(one).model == ("a@u",)
+    assert decide(both).model == ()
+
+
 def test_few_blocks_make_nothing_clear():
     small = table({"": 1.0, "a@u": 0.6})
     rows = {k: Row(k, np.array([[1.0], [0.2]]) if not k else np.array([[0.1], [0.25]]), 1) for k in small.rows}

@@ -210,8 +210,12 @@ class GlobalSearch:
         self.stages.append(StageReport.of(whole, self.objective, here))
         return GlobalSearchResult(here, swarm, tuple(self.stages), self.iterations, self.start_levels)
 
-    def refit(self, start: FloatArray, free: Sequence[int], noise: Mapping[str, OutputNoise]) -> Optimum:
-        """Fit locally from a point near the optimum and check the noise again."""
+    def refit(
+        self, start: FloatArray, free: Sequence[int], noise: Mapping[str, OutputNoise], *, hold_noise: bool = False
+    ) -> Optimum:
+        """Fit locally from a point near the optimum; check the noise again, or hold it."""
+        if hold_noise:
+            return self._local_fit(start, free, noise, replace(self.local_settings, hold_noise=True))
         here = self._local_fit(start, free, noise, self.local_settings)
         return self.settle_noise(here)
 

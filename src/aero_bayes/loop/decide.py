@@ -6,7 +6,8 @@ Two witnesses speak of a structure: the error on left-out training readings, and
 score is, for each output, the geometric mean of both ratios to the first model; outputs count by sum of logarithms.
 
 1. A term is *material* if the score of an output falls by a quarter with it (a curve beside other terms by a third),
-   clearly, and each witness by a tenth, against the best structure without it.
+   clearly, and each witness of that output by a tenth, and no witness of any output rises, against the best structure
+   without it.
 2. A structure is *admissible* if each of its terms is material, at most one is a curve, ten training readings come on
    each free parameter, and no structure within it validates better.
 3. The *size* is the smallest whose best admissible structure no larger admissible one materially beats.

@@ -22,7 +22,7 @@ from aero_bayes.estimate.simulate import MIN_LOG_LIKELIHOOD_GAIN, with_interpola
 from aero_bayes.loop.decide import ClaimKind, Decision
 from aero_bayes.loop.first_fit import SEARCHED, FirstFit, LoopContext, refitted
 from aero_bayes.loop.search import Search
-from aero_bayes.loop.table import Table, Terms, law_of
+from aero_bayes.loop.table import BOTH, Table, Terms, law_of
 from aero_bayes.plain import plain
 from aero_bayes.structure.law_places import is_held
 from aero_bayes.structure.modelica_family import ExtendedModel
@@ -138,6 +138,13 @@ def extend(context: LoopContext, first: FirstFit, search: Search, decision: Deci
     free = tuple(j for j, p in enumerate(calibration.parameters) if p.name in known or p.name not in old)
     si = np.array([values.get(p.name, p.start) for p in calibration.parameters])
     fit = _read_likelier(context, refitted(context, calibration, si, replace(first.fit.optimum, free=free)))
+    if _lost(search, decision.model, fit) > -math.log(BOTH):
+        # Another noise weighs the outputs otherwise: the fit went where one output pays for what another gains.
+        like = replace(first.fit.optimum, free=free, noise=best.optimum.noise)
+        fit = min(
+            fit, refitted(context, calibration, si, like, hold_noise=True),
+            key=lambda one: _lost(search, decision.model, one),
+        )  # fmt: skip
     fit, calibration = with_solver_difference(fit, context.open), fit.calibration
     reports = check_residuals(calibration, fit.series, fit.optimum, first.floors)
     after = context.predictor.predict(calibration, fit.optimum)
@@ -151,6 +158,19 @@ def extend(context: LoopContext, first: FirstFit, search: Search, decision: Deci
     )
     context.statistics.end_stage("judgement")
     return ExtendedFit(written, added, effects, fit, reports, after)
+
+
+def _lost(search: Search, terms: Terms, fit: Fit) -> float:
+    """Logarithm of a fit's validation error over that of the structure when it was decided on; 0 without validation."""
+    table, validation = search.table, search.validation
+    decided = table.rows[terms].validation
+    if validation is None or decided is None:
+        return 0.0
+    try:
+        found, _ = validation.errors(fit.calibration, fit.optimum)
+    except CannotFinishError:
+        return math.inf
+    return float(np.sum(table.logs(found.sum(axis=0)) - table.logs(decided.sum(axis=0))))
 
 
 def _read_likelier(context: LoopContext, fit: Fit) -> Fit:

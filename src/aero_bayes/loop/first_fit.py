@@ -308,13 +308,18 @@ def _chosen(context: LoopContext, model: Model) -> ParameterSet:
     return chosen_parameters(model, chosen, known)
 
 
-def refitted(context: LoopContext, calibration: Calibration, values: FloatArray, like: Optimum) -> Fit:
-    """The fit of a calibration from SI values (p,), under the objective of ``fit``; free is what is so in ``like``."""
+def refitted(
+    context: LoopContext, calibration: Calibration, values: FloatArray, like: Optimum, *, hold_noise: bool = False
+) -> Fit:
+    """The fit of a calibration from SI values (p,), under the objective of ``fit``; free is what is so in ``like``.
+
+    The noise begins at that of ``like``, or is held there."""
     began = time.perf_counter()
     with context.open(calibration.problem()) as simulator:
         objective = context.objective(calibration, simulator)
         search = GlobalSearch(objective, context.settings.fitting)
-        end = search.refit(objective.parameters.to_search(values), like.free, like.noise)
+        point = objective.parameters.to_search(values)
+        end = search.refit(point, like.free, like.noise, hold_noise=hold_noise)
         result = GlobalSearchResult(end, None, (), search.iterations)
         found = finished_fit(search, result, context.settings.fitting, time.perf_counter() - began)
     return with_held_beside(found, context.open)
