@@ -25,7 +25,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from math import comb
 
 import numpy as np
@@ -257,6 +257,13 @@ class NoiseFloor:
 
 def noise_floor(values: FloatArray, time: FloatArray, inputs: Sequence[FloatArray] = ()) -> NoiseFloor:
     """Estimate the noise of readings."""
+    columns = (np.ascontiguousarray(column, dtype=np.float64).tobytes() for column in (values, time, *inputs))
+    return _noise_floor(*columns)
+
+
+@lru_cache(maxsize=64)  # each structure of a search is predicted on the same recordings
+def _noise_floor(*columns: bytes) -> NoiseFloor:
+    values, time, *inputs = map(np.frombuffer, columns)
     quantum = quantisation_step(values)
     least = 0.0 if quantum is None else quantum / math.sqrt(12.0)
     found, most = _noise(Differences(values, time, inputs))

@@ -128,7 +128,7 @@ def _form(coupling: Coupling, parts: Mapping[str, bytes]) -> Iterator[str]:
 
     Laws without states that act on nothing but an output of the whole have no part in the equations."""
     of = {int(name[4 : name.index("/")]): data for name, data in parts.items()
-          if name.endswith(this_machine().suffix) and "/binaries/" in name}  # fmt: skip
+          if name.endswith(this_machine().suffix) and "/resources/" not in name}  # fmt: skip
     count = len(coupling.laws) + 1
     if len(of) < count or not all(_EVENTLESS in data for data in of.values()):
         return
@@ -147,9 +147,10 @@ def _binaries(model: Model, folder: str) -> dict[str, bytes]:
 
 @lru_cache(maxsize=128)
 def _files(path: Path, sha256: str, version: int) -> dict[str, bytes]:
-    kept = (f"{BINARY_FOLDERS[version]}/", "resources/")
+    binaries = f"{BINARY_FOLDERS[version]}/"  # whose content needs no folders of its own: each costs a millisecond
     with zipfile.ZipFile(path) as archive:
-        return {n: archive.read(n) for n in archive.namelist() if n.startswith(kept) and not n.endswith("/")}
+        names = [n for n in archive.namelist() if n.startswith((binaries, "resources/")) and not n.endswith("/")]
+        return {n.removeprefix(binaries): archive.read(n) for n in names}
 
 
 @dataclass(frozen=True)
@@ -217,7 +218,7 @@ class _Table:
         lines.append(_row(*(base.input(name).start or 0.0 for name in self.coupling.inputs)))
         for k, model in enumerate(self.models):
             lines.append(_row(model.fmi_version, model.event_indicators, self.ready[k]))
-            lines.append(f"part{k}/{model.binary_in('').as_posix()}")
+            lines.append(f"part{k}/{model.binary_in('').name}")
             lines += [f"part{k}/resources", model.guid]
             lines.append(_row(len(model.states), *(s.value_reference for s in model.states)))
             given = laws[k - 1].given if k else {}
