@@ -28,6 +28,8 @@ Readings = NDArray[np.int_]
 FOLDS, BLOCKS = 5, 20
 #: Recordings from which on whole ones are left out: of two, the one that is left says too little alone.
 MIN_WHOLE_RECORDINGS = 3
+#: Share of what determines an initial value, or a delay, of a recording with which a fold holds all of it.
+DETERMINED = 0.9
 #: Error that counts as none, as a share of an output's range: the accuracy of the solver in a search.
 ROUNDING_SHARE = 1e-5
 #: Rise of what the other readings leave with a Newton step, above which the step says nothing.
@@ -88,12 +90,16 @@ class Folds:
         """Score of a fit on the readings that it was fitted to."""
         return self.score(fitted.optimum.whitened.residual, fitted.noise)
 
-    def moving(self, fitted: FittedModel) -> list[int]:
-        """Places among the free columns of those that move when a fold is left out.
+    def moving(self, fitted: FittedModel) -> list[tuple[int, ...]]:
+        """Places among the free columns of those that move when each fold is left out.
 
-        Initial values and delays of a recording stay where it is left out whole: nothing else determines them."""
-        items = fitted.model.objective.parameters.items
-        return [k for k, j in enumerate(fitted.optimum.free) if not self.whole or items[j].recording is None]
+        Initial values and delays of a recording stay where it is left out whole, or where the fold holds what
+        determines them: nothing else does."""
+        items, squares = fitted.model.objective.parameters.items, fitted.optimum.whitened.slopes**2
+        own = np.array([items[j].recording is not None for j in fitted.optimum.free], dtype=bool)
+        most = DETERMINED * squares.sum(axis=1)
+        held = [own & (self.whole | (squares[:, fold].sum(axis=1) >= most)) for fold in self.folds]
+        return [tuple(np.flatnonzero(~stays).tolist()) for stays in held]
 
 
 def newton_errors(fitted: FittedModel, folds: Folds) -> FloatArray:
@@ -122,11 +128,11 @@ def refitted_errors(
     CannotFinishError where it had to ``stop``: a fit that is not done says nothing of a structure.
     Where a simulation after the Newton step is what was predicted, as closely as a fit would end, it is that fit."""
     optimum, own = fitted.optimum, fitted.model.objective
-    moving = folds.moving(fitted)
-    columns, slopes = [optimum.free[k] for k in moving], optimum.whitened.slopes[moving]
     residual, found = optimum.whitened.residual, []
     points = _newton_points(fitted, folds)
-    for blocks, fold, point, row in zip(folds.blocks, folds.folds, points, own.residuals(points), strict=True):
+    every = zip(folds.blocks, folds.folds, folds.moving(fitted), points, own.residuals(points), strict=True)
+    for blocks, fold, moving, point, row in every:
+        columns, slopes = [optimum.free[k] for k in moving], optimum.whitened.slopes[list(moving)]
         moved = residual if row is None else own.whiten(row, optimum.noise).residual
         with np.errstate(over="ignore"):
             predicted = residual - (point - optimum.coordinates)[columns] @ slopes
@@ -159,14 +165,15 @@ def _refit(
 
 def _newton_points(fitted: FittedModel, folds: Folds) -> FloatArray:
     """Search coordinates (folds, p) after the Newton step of a fit without each fold, kept in the bounds."""
-    optimum, moving = fitted.optimum, folds.moving(fitted)
+    optimum, every = fitted.optimum, folds.moving(fitted)
     parameters = fitted.model.objective.parameters
-    columns, linear = [optimum.free[k] for k in moving], LinearisedFit.of(optimum, parameters, moving)
-    low, high = (bound[columns] for bound in parameters.box)
-    rows = np.repeat(optimum.coordinates[np.newaxis], len(folds.folds), axis=0)
-    if columns:
-        for row, left in zip(rows, linear.without(folds.folds), strict=True):
-            row[columns] = np.clip(row[columns] + left.step, low, high)
+    rows = np.repeat(optimum.coordinates[np.newaxis], len(every), axis=0)
+    for moving in filter(None, dict.fromkeys(every)):
+        columns, linear = [optimum.free[k] for k in moving], LinearisedFit.of(optimum, parameters, moving)
+        low, high = (bound[columns] for bound in parameters.box)
+        alike = [k for k, other in enumerate(every) if other == moving]
+        for k, left in zip(alike, linear.without(folds.folds, [slice(k, k + 1) for k in alike]), strict=True):
+            rows[k, columns] = np.clip(rows[k, columns] + left.step, low, high)
     return rows
 
 

@@ -300,7 +300,10 @@ class Search:
             order = [t for t in gains if gains[t] >= least or (not parent and t not in self.library.curves)]
             count = len(order) if not parent else self.effort.fitted[1]
         else:
-            order = [t for t in gains if here - gains[t] <= near and _plus(parent, t) not in self.fits]
+            # A promise is to first order, and no bound: the best are tried in any case.
+            best = sorted(gains, key=lambda t: (-gains[t], t))[: self.effort.fitted[1]]
+            order = [t for t in gains if here - gains[t] <= near or t in best]
+            order = [t for t in order if _plus(parent, t) not in self.fits]
             count = self.effort.structures + self.effort.swaps - len(self.fits)
         order = sorted(order, key=lambda t: (-gains[t], t))[: max(count, LEAST_SWAPS)]
         children = [_plus(parent, t) for t in order]
@@ -339,16 +342,29 @@ class Search:
         freed = {n for t in {*model} - {*part} if t in self.source.held for n in self.fits[model].term_values(t)}
         values = {name: value for name, value in self.fits[model].values.items() if name not in freed}
         self.keep({part: self.found(part, self.at_values(part, values, part), WHOLE)})
-        for fine in {*model} - {*part}:  # the coarser law from the values of the finer one, whatever it promises
-            if (coarse := self.library.refines.get(fine, "")) in self.library.offered and coarse not in part:
-                child = _plus(part, coarse)
-                if (simulated := self.models.of(child)) is not None:
-                    ends = (self.fits[model].model, fine), (simulated, coarse)
-                    size, own = (m.objective.parameters.names[m.candidates[t].columns[0]] for m, t in ends)
-                    like = self.at_values(child, {**values, own: values.get(size, 0.0)}, child)
-                    self.keep({child: self.found(child, like, WHOLE)})
+        for child, known in self._known_swaps(model, part, values).items():
+            self.keep({child: self.found(child, self.at_values(child, known, child), WHOLE)})
         if part in self.fits and len(part) + 1 == len(model):
             self.extend(part, self.folds.on_fitted(self.fits[model]) - 2.0 * math.log(MATERIAL))
+
+    def _known_swaps(self, model: Terms, part: Terms, values: Mapping[str, float]) -> dict[Terms, dict[str, float]]:
+        """Structures to be tried in the place of what a part lacks whatever they promise, and SI values to begin from:
+        the coarser law from the finer one's size, and terms of structures that do as well as the model."""
+        found: dict[Terms, dict[str, float]] = {}
+        near, curves = self.table.score(model) - math.log(MATERIAL), {*self.library.curves}
+        alike = (k for k in self.fits if len(k) == len(model) and self.table.score(k) <= near)
+        for k in sorted(alike, key=self.table.order)[: self.effort.fitted[1]]:
+            for term in {*k} - {*model}:
+                if self.library.refines.get(term) not in part and not (term in curves and curves & {*part}):
+                    found.setdefault(_plus(part, term), {**values, **self.fits[k].term_values(term)})
+        for fine in {*model} - {*part}:
+            child = _plus(part, coarse := self.library.refines.get(fine, ""))
+            simulated = self.models.of(child) if coarse in self.library.offered and coarse not in part else None
+            if simulated is not None:
+                ends = (self.fits[model].model, fine), (simulated, coarse)
+                size, own = (m.objective.parameters.names[m.candidates[t].columns[0]] for m, t in ends)
+                found[child] = {**values, own: values.get(size, 0.0)}
+        return {child: known for child, known in found.items() if len(child) > len(part)}
 
     def refit(self, structures: Sequence[Terms]) -> None:
         """Find the left-out errors of some structures by fits without each fold."""
