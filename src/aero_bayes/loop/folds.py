@@ -93,7 +93,7 @@ class Folds:
     def moving(self, fitted: FittedModel) -> list[tuple[int, ...]]:
         """Places among the free columns of those that move when each fold is left out.
 
-        Initial values and delays of a recording stay where it is left out whole, or where the fold holds what
+        Initial values and delays of a recording do not where it is left out whole, or where the fold holds what
         determines them: nothing else does."""
         items, squares = fitted.model.objective.parameters.items, fitted.optimum.whitened.slopes**2
         own = np.array([items[j].recording is not None for j in fitted.optimum.free], dtype=bool)
@@ -132,14 +132,19 @@ def refitted_errors(
     points = _newton_points(fitted, folds)
     every = zip(folds.blocks, folds.folds, folds.moving(fitted), points, own.residuals(points), strict=True)
     for blocks, fold, moving, point, row in every:
-        columns, slopes = [optimum.free[k] for k in moving], optimum.whitened.slopes[list(moving)]
+        columns, slopes, change = (
+            [optimum.free[k] for k in moving],
+            optimum.whitened.slopes,
+            point - optimum.coordinates,
+        )
         moved = residual if row is None else own.whiten(row, optimum.noise).residual
         with np.errstate(over="ignore"):
-            predicted = residual - (point - optimum.coordinates)[columns] @ slopes
+            predicted = residual - change[list(optimum.free)] @ slopes
             is_linear = row is not None and float(np.sum((moved - predicted) ** 2)) <= settings.local.tolerance
             better = float(np.sum(np.delete(moved, fold) ** 2)) < float(np.sum(np.delete(residual, fold) ** 2))
         if not is_linear:
-            moved = _refit(fitted, fold, point if better else optimum.coordinates, columns, settings, stop)
+            change[columns] *= better
+            moved = _refit(fitted, fold, optimum.coordinates + change, columns, settings, stop)
         found += [folds.sums(moved, block) for block in blocks]
         if stop(0, 0.0):
             raise CannotFinishError("the time limit was reached")
@@ -164,10 +169,18 @@ def _refit(
 
 
 def _newton_points(fitted: FittedModel, folds: Folds) -> FloatArray:
-    """Search coordinates (folds, p) after the Newton step of a fit without each fold, kept in the bounds."""
+    """Search coordinates (folds, p) after the Newton step of a fit without each fold, kept in the bounds.
+
+    What a fold of a recording alone determines is as declared: a law's state begins at rest."""
     optimum, every = fitted.optimum, folds.moving(fitted)
     parameters = fitted.model.objective.parameters
-    rows = np.repeat(optimum.coordinates[np.newaxis], len(every), axis=0)
+    rows, declared = (
+        np.repeat(optimum.coordinates[np.newaxis], len(every), axis=0),
+        parameters.to_search(parameters.start),
+    )
+    for row, moving in zip(rows, () if folds.whole else every, strict=False):
+        held = [j for k, j in enumerate(optimum.free) if k not in moving]
+        row[held] = declared[held]
     for moving in filter(None, dict.fromkeys(every)):
         columns, linear = [optimum.free[k] for k in moving], LinearisedFit.of(optimum, parameters, moving)
         low, high = (bound[columns] for bound in parameters.box)
