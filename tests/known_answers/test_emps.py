@@ -81,9 +81,9 @@ def test_published_parameters_come_back_from_a_simulated_record(tmp_path: Path, 
             "offset": ParameterSpec(),
         },
     )
-    settings = FitSettings(
-        method="local", staged=False, calibration=CalibrationSettings(delay="none", may_start_at_rest=resting)
-    )
+    states = "estimated" if resting is None else "auto"
+    calibration = CalibrationSettings(delay="none", may_start_at_rest=resting, initial_states=states)
+    settings = FitSettings(method="local", staged=False, calibration=calibration)
     found = fit(record(np.random.default_rng(3)), model, parameters=parameters, settings=settings, workers=0)
     for name, value in PUBLISHED.items():
         estimate = found[name]
