@@ -234,6 +234,7 @@ class Search:
                     what = f"trying each term{' beside ' * bool(parent)}{', '.join(parent)}"
                     self.work(what, GROWN * (size - 1 + (k + 1) / len(parents)) / self.library.most_terms)
                     self.extend(parent)
+            self._late(f"structures of {size} terms", 1.0)
             here = self.table.best_of_size(self.fits).get(size)
             if here is not None and self._pays(here, best):
                 best = here
