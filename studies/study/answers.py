@@ -93,6 +93,6 @@ def claims_law(effect: Mapping[str, Any]) -> bool:
 
 
 def unseen(row: Row, when: str) -> Mapping[str, float]:
-    """Return the errors by output ``before`` or ``after``: on test recordings, or those fitted if there are none."""
-    found: Mapping[str, float] = row[when].get("test") or row[when].get("train", {})
+    """Return the errors by output ``before`` or ``after``: on test readings, else on validation or fitted ones."""
+    found: Mapping[str, float] = row[when].get("test") or row[when].get("validation") or row[when].get("train", {})
     return found

@@ -18,24 +18,30 @@ TABLES = json.loads((Path(__file__).parent / "tables.json").read_text())
 #: The model, the claim of each of its terms, and the error on test readings that it has at most. Tables hold what
 #: a search found: errors on left-out, validation and test readings of all structures.
 DECIDED = {
-    "aero_pulse": (
-        {"body_angle_curve@body": "one of", "pivot_presliding_friction": "law"}, {"theta": 0.00491},
-    ),
-    "aero_step": ({"pivot_presliding_friction": "one of"}, {"theta": 0.00125}),
-    "coastdown": ({"coulomb_friction@v": "one of"}, {"speed": 0.667}),
-    "coil": ({"curve@i": "place", "delay@u": "one of"}, {"i": 0.00497}),
-    "drives": ({"coulomb_friction@m": "law", "lag@y": "one of", "unsigned@y": "law"}, {"y": 0.354}),
-    "drives2": ({"square_law@u": "one of", "unsigned@y": "law"}, {"y": 0.324}),
-    "franka": ({"presliding_friction@tau": "place"}, {"tau": 0.0915}),
-    "hotend": ({"lag_of_second_order@T": "mechanism"}, {"T": 3.66}),
-    "motor": ({"curve@omega": "place"}, {"w": 34.9}),
-    "paramecium": ({"overflow@N": "law"}, {"count": 64.8}),
+    "aero_2dof": ({}, {"omega_m": 0.0588, "omega_t": 0.0588, "theta": 0.0282, "psi": 0.207}),
+    "aero_pulse": ({"body_angle_curve@body": "place", "pivot_presliding_friction": "law"}, {"theta": 0.00485}),
+    "aero_step": ({"pivot_presliding_friction": "law"}, {"i_m": 0.00805, "omega_m": 1.89, "theta": 0.00125}),
+    "battery": ({"polarisation_of_two_pairs@v": "law"}, {"v": 0.00551}),
+    "cartpendulum": ({}, {"z": 0.00126, "phi": 0.00426}),
+    "coastdown": ({"coulomb_friction@v": "one of"}, {"speed": 0.66}),
+    "coil": ({"curve@output_i": "place", "delay@u": "one of"}, {"i": 0.0052}),
+    "damper": ({"curve@output_F": "one of", "rounded_friction@F": "law"}, {"F": 8.72}),
+    "drives": ({}, {"y": 0.552}),
+    "drives2": ({"square_law@u": "place", "unsigned@y": "law"}, {"y": 0.324}),
+    "emps": ({"linear_stiffness@v": "one of"}, {"q": 0.00595}),
+    "franka": ({"presliding_friction@tau": "place"}, {"tau": 0.0929}),
+    "hotend": ({"lag_of_second_order@output_T": "one of"}, {"T": 3.72}),
+    "motor": ({"hysteresis@tau": "one of"}, {"w": 18.8}),
+    "paramecium": ({}, {}),
     "propeller": ({"quadratic_drag@w": "law", "square_law@V": "law"}, {"omega": 56.8}),
-    "servo": ({}, {"angle": 0.237}),
+    "servo": ({"rate_limit@command": "law"}, {"angle": 0.0537}),
+    "servo_steps": ({"offset@angle": "one of", "rate_limit@command": "law"}, {"angle": 0.16}),
+    "silverbox": ({"cubic_stiffness@v": "law"}, {"y": 0.00117}),
     "tank2006": ({"curve@u": "place"}, {"y1": 0.189, "y2": 0.133}),
-    "tanks": ({"curve@y": "place", "overflow@h1": "law", "overflow@h2": "law"}, {"y": 0.268}),
-    "tclab": ({"gain@T2": "one of"}, {"T1": 0.968, "T2": 6.3}),
-    "whiffle": ({"viscous_friction@v": "law"}, {"height": 1.22}),
+    "tanks": ({"curve@y": "place", "overflow@h1+h2": "law"}, {"y": 0.27}),
+    "tclab": ({}, {"T1": 0.738, "T2": 8.76}),
+    "well": ({"overflow@x": "one of"}, {"h": 0.109}),
+    "whiffle": ({"viscous_friction@v": "place"}, {}),
 }  # fmt: skip
 
 
@@ -50,14 +56,16 @@ def test_the_model_and_the_claims_on_a_real_rig(name):
         assert table.rows[found.model].test[output] <= most
 
 
-def test_the_error_on_test_readings_falls_over_all_rigs():
-    """No rule sees it: the mean logarithm of its ratio to that of the first model, over outputs and rigs."""
-    logs = []
-    for stored in TABLES.values():
+def test_the_error_on_test_readings_falls_over_all_rigs_and_rises_on_none():
+    """No rule sees it: the logarithm of its ratio to that of the first model, its mean over outputs and rigs."""
+    means = []
+    for name, stored in TABLES.items():
         table = Table.of(stored)
         before, after = table.rows[()].test, table.rows[decide(table).model].test
-        logs.append(np.mean([np.log(after[o] / before[o]) for o in before]))
-    assert np.mean(logs) < -1.1  # by left-out errors alone -1.04
+        logs = [np.log(after[o] / before[o]) for o in before]
+        assert max(logs, default=0.0) < 0.005, name
+        means += [np.mean(logs)] if logs else []
+    assert np.mean(means) < -0.8
 
 
 def table(errors, validation=None, **given):
@@ -191,5 +199,5 @@ def test_a_table_is_written_and_read_and_decided_again_by_a_command(tmp_path):
     assert decide(Table.of(json.loads(path.read_text()))) == decide(whole)
     command = [sys.executable, "-m", "aero_bayes.loop.decide", str(path)]
     told = subprocess.run(command, capture_output=True, text=True, check=True).stdout
-    assert "curve@i" in told
+    assert "curve@output_i" in told
     assert "one of" in told

@@ -118,15 +118,14 @@ def test_one_of_three_recordings_is_left_out_and_its_offset_stays():
     np.testing.assert_allclose(refitted_errors(fitted, common, EXACT)[:, 0], exact, rtol=1e-5)
 
 
-def test_an_initial_value_that_a_fold_alone_tells_is_as_declared():
+def test_the_start_of_a_law_that_a_fold_alone_tells_is_as_declared():
     """Of one recording, whose first fifth has all that an offset of its beginning changes."""
     rng = np.random.default_rng(6)
     start = np.arange(TIME.size) < 8
     x = np.stack([np.ones(TIME.size), TIME, start], axis=-1) / 0.1
     y = x @ [1.0, 2.0, 0.3] + rng.normal(size=TIME.size)
-    parameters = [free("a"), free("b"), free("o0", 0), free("c")]
-    design = np.pad(0.1 * x, ((0, 0), (0, 1)))
-    (fitted, _) = fits = study([TIME], [y[:, None] * 0.1], lambda t, k: design, parameters, 3)
+    parameters = [free("a"), free("b"), free("o0", 0)]
+    (fitted, _) = fits = study([TIME], [y[:, None] * 0.1], lambda t, k: 0.1 * x, parameters, 2)
     common = Folds.of(fits[-1])
     exact = 0.1**2 * squares_without(x[:, :2], y, common.blocks)
     first = slice(len(common.blocks[0]))

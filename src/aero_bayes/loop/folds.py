@@ -28,7 +28,7 @@ Readings = NDArray[np.int_]
 FOLDS, BLOCKS = 5, 20
 #: Recordings from which on whole ones are left out: of two, the one that is left says too little alone.
 MIN_WHOLE_RECORDINGS = 3
-#: Share of what determines an initial value, or a delay, of a recording with which a fold holds all of it.
+#: Share of what determines the start of a law's state with which a fold holds all of it.
 DETERMINED = 0.9
 #: Error that counts as none, as a share of an output's range: the accuracy of the solver in a search.
 ROUNDING_SHARE = 1e-5
@@ -93,12 +93,13 @@ class Folds:
     def moving(self, fitted: FittedModel) -> list[tuple[int, ...]]:
         """Places among the free columns of those that move when each fold is left out.
 
-        Initial values and delays of a recording do not where it is left out whole, or where the fold holds what
-        determines them: nothing else does."""
-        items, squares = fitted.model.objective.parameters.items, fitted.optimum.whitened.slopes**2
-        own = np.array([items[j].recording is not None for j in fitted.optimum.free], dtype=bool)
+        Initial values and delays of a recording do not where it is left out whole, nor does the start of a law's state
+        where the fold holds what determines it: nothing else does."""
+        model, free, squares = fitted.model, fitted.optimum.free, fitted.optimum.whitened.slopes**2
+        own = np.array([model.objective.parameters.items[j].recording is not None for j in free], dtype=bool)
+        of_laws = own & ~np.isin(free, model.free_base_columns)
         most = DETERMINED * squares.sum(axis=1)
-        held = [own & (self.whole | (squares[:, fold].sum(axis=1) >= most)) for fold in self.folds]
+        held = [own if self.whole else of_laws & (squares[:, fold].sum(axis=1) >= most) for fold in self.folds]
         return [tuple(np.flatnonzero(~stays).tolist()) for stays in held]
 
 
