@@ -173,7 +173,7 @@ def test_what_is_required_stays_and_is_not_claimed():
     assert set(found.claims) == {"b@v"}
 
 
-def test_no_output_pays_for_another():
+def test_a_term_may_not_make_an_output_worse():
     one, other = table({"": 1.0, "a@u": 0.5}), table({"": 1.0, "a@u": 1.0}, {"a@u": 1.05})
 
     def beside(k):

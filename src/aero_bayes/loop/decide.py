@@ -5,9 +5,9 @@
 Two witnesses speak of a structure: the error on left-out training readings, and the error on validation readings. The
 score is, for each output, the geometric mean of both ratios to the first model; outputs count by sum of logarithms.
 
-1. A term is *material* if the score of an output falls by a quarter with it (a curve beside other terms by a third),
-   clearly, and each witness of that output by a tenth, and no witness of any output rises, against the best structure
-   without it.
+1. A term is *material* if it improves the best structure without it: the score of an output falls by a quarter (with a
+   curve beside other terms by a third), clearly, and each witness of that output by a tenth. No witness of any other
+   output rises.
 2. A structure is *admissible* if each of its terms is material, at most one is a curve, ten training readings come on
    each free parameter, and no structure within it validates better.
 3. The *size* is the smallest whose best admissible structure no larger admissible one materially beats.

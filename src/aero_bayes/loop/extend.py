@@ -138,13 +138,11 @@ def extend(context: LoopContext, first: FirstFit, search: Search, decision: Deci
     free = tuple(j for j, p in enumerate(calibration.parameters) if p.name in known or p.name not in old)
     si = np.array([values.get(p.name, p.start) for p in calibration.parameters])
     fit = _read_likelier(context, refitted(context, calibration, si, replace(first.fit.optimum, free=free)))
-    if _lost(search, decision.model, fit) > -math.log(BOTH):
-        # Another noise weighs the outputs otherwise: the fit went where one output pays for what another gains.
+    if (lost := _lost(search, decision.model, fit)) > -math.log(BOTH):
+        # Under another noise the outputs have other weights: one may have got worse for the sake of another.
         like = replace(first.fit.optimum, free=free, noise=best.optimum.noise)
-        fit = min(
-            fit, refitted(context, calibration, si, like, hold_noise=True),
-            key=lambda one: _lost(search, decision.model, one),
-        )  # fmt: skip
+        again = refitted(context, calibration, si, like, hold_noise=True)
+        fit = again if _lost(search, decision.model, again) < lost else fit
     fit, calibration = with_solver_difference(fit, context.open), fit.calibration
     reports = check_residuals(calibration, fit.series, fit.optimum, first.floors)
     after = context.predictor.predict(calibration, fit.optimum)

@@ -28,7 +28,7 @@ Readings = NDArray[np.int_]
 FOLDS, BLOCKS = 5, 20
 #: Recordings from which on whole ones are left out: of two, the one that is left says too little alone.
 MIN_WHOLE_RECORDINGS = 3
-#: Share of what determines the start of a law's state with which a fold holds all of it.
+#: A fold with this share of the information on the start of a law's state counts as having all of it.
 DETERMINED = 0.9
 #: Error that counts as none, as a share of an output's range: the accuracy of the solver in a search.
 ROUNDING_SHARE = 1e-5
@@ -91,10 +91,10 @@ class Folds:
         return self.score(fitted.optimum.whitened.residual, fitted.noise)
 
     def moving(self, fitted: FittedModel) -> list[tuple[int, ...]]:
-        """Places among the free columns of those that move when each fold is left out.
+        """Places among the free columns of the parameters that are fitted again without each fold.
 
-        Initial values and delays of a recording do not where it is left out whole, nor does the start of a law's state
-        where the fold holds what determines it: nothing else does."""
+        Where a recording is left out whole, its initial values and delays are not. Nor is the start of a law's state,
+        where the fold has all the information on it."""
         model, free, squares = fitted.model, fitted.optimum.free, fitted.optimum.whitened.slopes**2
         own = np.array([model.objective.parameters.items[j].recording is not None for j in free], dtype=bool)
         of_laws = own & ~np.isin(free, model.free_base_columns)
@@ -109,7 +109,7 @@ def newton_errors(fitted: FittedModel, folds: Folds) -> FloatArray:
     Where the step leaves more of the other readings than the fit to all does, the errors of the fit stand."""
     optimum, objective = fitted.optimum, fitted.model.objective
     residual, found = optimum.whitened.residual, []
-    rows = objective.residuals(_newton_points(fitted, folds))
+    rows = objective.residuals(_newton_points(fitted, folds, folds.moving(fitted)))
     for blocks, fold, row in zip(folds.blocks, folds.folds, rows, strict=True):
         moved = residual if row is None else objective.whiten(row, optimum.noise).residual
         with np.errstate(over="ignore"):
@@ -130,17 +130,14 @@ def refitted_errors(
     Where a simulation after the Newton step is what was predicted, as closely as a fit would end, it is that fit."""
     optimum, own = fitted.optimum, fitted.model.objective
     residual, found = optimum.whitened.residual, []
-    points = _newton_points(fitted, folds)
-    every = zip(folds.blocks, folds.folds, folds.moving(fitted), points, own.residuals(points), strict=True)
-    for blocks, fold, moving, point, row in every:
-        columns, slopes, change = (
-            [optimum.free[k] for k in moving],
-            optimum.whitened.slopes,
-            point - optimum.coordinates,
-        )
+    every = folds.moving(fitted)
+    points = _newton_points(fitted, folds, every)
+    rows = own.residuals(points)
+    for blocks, fold, moving, point, row in zip(folds.blocks, folds.folds, every, points, rows, strict=True):
+        columns, change = [optimum.free[k] for k in moving], point - optimum.coordinates
         moved = residual if row is None else own.whiten(row, optimum.noise).residual
         with np.errstate(over="ignore"):
-            predicted = residual - change[list(optimum.free)] @ slopes
+            predicted = residual - change[list(optimum.free)] @ optimum.whitened.slopes
             is_linear = row is not None and float(np.sum((moved - predicted) ** 2)) <= settings.local.tolerance
             better = float(np.sum(np.delete(moved, fold) ** 2)) < float(np.sum(np.delete(residual, fold) ** 2))
         if not is_linear:
@@ -169,24 +166,22 @@ def _refit(
     return np.full(own.readings, math.inf)
 
 
-def _newton_points(fitted: FittedModel, folds: Folds) -> FloatArray:
+def _newton_points(fitted: FittedModel, folds: Folds, every: Sequence[tuple[int, ...]]) -> FloatArray:
     """Search coordinates (folds, p) after the Newton step of a fit without each fold, kept in the bounds.
 
-    What a fold of a recording alone determines is as declared: a law's state begins at rest."""
-    optimum, every = fitted.optimum, folds.moving(fitted)
-    parameters = fitted.model.objective.parameters
-    rows, declared = (
-        np.repeat(optimum.coordinates[np.newaxis], len(every), axis=0),
-        parameters.to_search(parameters.start),
-    )
-    for row, moving in zip(rows, () if folds.whole else every, strict=False):
-        held = [j for k, j in enumerate(optimum.free) if k not in moving]
-        row[held] = declared[held]
+    ``every`` says what moves without each fold. The start of a law's state that does not move is as declared."""
+    optimum, parameters, cells = fitted.optimum, fitted.model.objective.parameters, folds.folds
+    rows = np.repeat(optimum.coordinates[np.newaxis], len(every), axis=0)
+    if not folds.whole:
+        declared = parameters.to_search(parameters.start)
+        for row, moving in zip(rows, every, strict=True):
+            held = [j for k, j in enumerate(optimum.free) if k not in moving]
+            row[held] = declared[held]
     for moving in filter(None, dict.fromkeys(every)):
         columns, linear = [optimum.free[k] for k in moving], LinearisedFit.of(optimum, parameters, moving)
         low, high = (bound[columns] for bound in parameters.box)
         alike = [k for k, other in enumerate(every) if other == moving]
-        for k, left in zip(alike, linear.without(folds.folds, [slice(k, k + 1) for k in alike]), strict=True):
+        for k, left in zip(alike, linear.without(cells, [slice(k, k + 1) for k in alike]), strict=True):
             rows[k, columns] = np.clip(rows[k, columns] + left.step, low, high)
     return rows
 

@@ -343,14 +343,18 @@ class Search:
         freed = {n for t in {*model} - {*part} if t in self.source.held for n in self.fits[model].term_values(t)}
         values = {name: value for name, value in self.fits[model].values.items() if name not in freed}
         self.keep({part: self.found(part, self.at_values(part, values, part), WHOLE)})
-        for child, known in self._known_swaps(model, part, values).items():
-            self.keep({child: self.found(child, self.at_values(child, known, child), WHOLE)})
+        swaps = self._known_swaps(model, part, values)
+        works = [
+            partial(self.found, child, self.at_values(child, known, child), WHOLE) for child, known in swaps.items()
+        ]
+        self.keep(dict(zip(swaps, self._map(works), strict=True)))
         if part in self.fits and len(part) + 1 == len(model):
             self.extend(part, self.folds.on_fitted(self.fits[model]) - 2.0 * math.log(MATERIAL))
 
     def _known_swaps(self, model: Terms, part: Terms, values: Mapping[str, float]) -> dict[Terms, dict[str, float]]:
-        """Structures to be tried in the place of what a part lacks whatever they promise, and SI values to begin from:
-        the coarser law from the finer one's size, and terms of structures that do as well as the model."""
+        """Structures that are tried beside a part whatever they promise, and SI values to begin from.
+
+        They have the coarser law, from the finer one's size, or a term of what does as well as the model."""
         found: dict[Terms, dict[str, float]] = {}
         near, curves = self.table.score(model) - math.log(MATERIAL), {*self.library.curves}
         alike = (k for k in self.fits if len(k) == len(model) and self.table.score(k) <= near)

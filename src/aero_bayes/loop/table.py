@@ -20,8 +20,8 @@ Terms = tuple[str, ...]
 MATERIAL = 0.75
 #: Share to which each witness alone (left-out training, validation) has to fall in that output.
 BOTH = 0.9
-#: Factor by which neither witness may rise in any output: as exact as a fit is. A term that one output pays for is no
-#: part of the model. From 1.005 to 1.03 it decides alike on all tables of real rigs.
+#: Factor by which neither witness may rise in any output: as exact as a fit is. A term may not make an output worse.
+#: From 1.005 to 1.03 it decides alike on all tables of real rigs.
 WORSE = 1.02
 #: Standard errors by which one structure must predict better to be clearly better; with few blocks more (Student's t).
 CLEAR = 2.0
