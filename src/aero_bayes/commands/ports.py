@@ -66,7 +66,7 @@ RESPONSE_NOTES = (
     "the port, less what the free parameters imitate.",
     f"visible in these data: yes from {MIN_VISIBLE_RESPONSE:g}, barely from {MIN_BARELY_VISIBLE_RESPONSE:g}.",
     "limits: the size of each law, a value of its first parameter, from which on it is material: its lack raises the "
-    "error that the model leaves now by a third. About half of such laws would be named.",
+    "error that the model leaves now by a third.",
 )
 #: Share of the error that a law of the shortlist explains by itself at least.
 LISTED_SHARE = 0.1
