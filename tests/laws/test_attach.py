@@ -77,6 +77,7 @@ def assert_equal(one, other, tolerance: float = 1e-7) -> None:
     [
         ("Cart", ["rate_limit@F", "lag@q", "coulomb_friction@v"]),
         ("Cart", ["dead_zone@F", "lag@F", "gain@q", "delay@q", "presliding_friction@v"]),
+        ("Cart", ["rate_limit@F", "load_friction@v", "viscous_friction@v", "gain@q"]),
         ("TankPair", ["overflow@h1", "exchange@h1", "square_loss@h2", "second_storage@h1"]),
         ("Rlc", ["gain@u", "lag@u_C"]),
     ],
@@ -128,6 +129,32 @@ def test_friction_attached_to_a_mass_slows_it_as_the_closed_form_says(here, mode
     expected = np.exp(-0.4 * TIME)
     np.testing.assert_allclose(outputs["w"], expected, rtol=1e-7)
     np.testing.assert_allclose(slopes[:, 0, 0], -0.5 * TIME * expected, atol=1e-7)
+
+
+def test_friction_by_load_takes_its_share_of_the_force(here, modelica, tmp_path):
+    source = modelica(SLIDE.replace("der(v) = F", "der(v) = 3 * F - 1"))
+    model = family("Slide", tmp_path, source).with_candidates(["load_friction@v"]).model
+    time = np.linspace(0.0, 1.0, 51)
+    experiment = Experiment(time, ("w",), (InputSignal("F", time, 0.8 + 0.0 * time),))
+    targets = tuple(map(ParameterTarget, ("L", "f_0")))
+    problem = Problem(model, (experiment,), (targets,), settings=SolverSettings(1e-9, 1e-9, 100_000, 30.0))
+    with open_simulator(problem, pool=here) as simulator:
+        found = simulator.simulate(np.array([[0.3, 0.4]]), active=range(2))
+    np.testing.assert_allclose(found.outputs[0][0][:, 0], 1.0 + (1.4 - 0.3 * (1.4 + 0.4)) / 2.0 * time, rtol=1e-7)
+    np.testing.assert_allclose(found.sensitivities[0][0][:, 0, 0], -1.8 / 2.0 * time, atol=1e-6)
+
+
+def test_a_load_is_the_rest_of_the_balance_and_not_of_the_own_motion_alone(modelica):
+    def load(equation: str) -> str:
+        source = modelica(SLIDE.replace("m * der(v) = F", equation))
+        (port,) = [p for p in LawPlaces("Slide", (source,)).ports if p.id == "v"]
+        return port.signals.get("load", "")
+
+    assert load("m * der(v) = F - 2 * v") == "F - 2 * v"
+    assert load("der(v) = (F - (v + 1)) / m") == "F - v - 1"
+    assert load("F = m * der(v) + 2 * v ^ 3") == "F - 2 * v ^ 3"
+    assert load("0 = F * (v + 2) - m * der(v)") == "F * (v + 2)"
+    assert load("m * der(v) = -2 * v") == ""
 
 
 DEPENDENT = """model Dependent

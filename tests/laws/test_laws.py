@@ -29,7 +29,7 @@ LISTED = {
     "output": "gain offset saturation saturation_by_side unsigned lag lag_of_second_order delay curve",
     "reading": "lag lag_of_second_order delay",
     "motion": "coulomb_friction friction_by_direction stribeck_friction presliding_friction rounded_friction "
-    "viscous_friction quadratic_drag offset linear_stiffness cubic_stiffness unbalance hysteretic_spring attached_mass "
+    "load_friction viscous_friction quadratic_drag offset linear_stiffness cubic_stiffness unbalance hysteretic_spring attached_mass "
     "end_stop end_stop_by_side backlash curve position_curve fine_position_curve",
     "storage": "linear_loss root_loss square_loss offset second_storage radiation curve",
     "overflow": "overflow",
@@ -82,6 +82,7 @@ CLOSED: dict[tuple[str, str], Callable[..., float]] = {
     ("motion", "friction_by_direction"): lambda v, F_c, a: F_c * (1 + a) if v > 0 else -F_c * (1 - a),
     ("motion", "stribeck_friction"): lambda v, F_c, r, v_s: np.sign(v) * F_c * (1 + r * np.exp(-((v / v_s) ** 2))),
     ("motion", "rounded_friction"): lambda v, F_c, v_c: F_c * np.tanh(v / v_c),
+    ("motion", "load_friction"): lambda v, load, L, f_0: L * (f_0 + abs(load)) * np.sign(v),
     ("motion", "viscous_friction"): lambda v, d: d * v,
     ("motion", "quadratic_drag"): lambda v, c: c * v * abs(v),
     ("motion", "offset"): lambda F_0: F_0,
@@ -158,7 +159,7 @@ def test_a_law_is_its_closed_form(key, laws, models, rng):
     fitted = {p.name: p.value("nominal", sizes) for p in law.parameters}
     own, acts = Numbers(model).at, model.solved[law.interface.output]
     typical = {
-        g: next(SIZES[n] for n, of in law.interface.nominals.items() if of[0] == g[0] and n in SIZES)
+        g: next((SIZES[n] for n, of in law.interface.nominals.items() if of[0] == g[0] and n in SIZES), SIZES["f_n"])
         for g in sorted(law.used_inputs)
     }
     typical |= {"h_s": -0.5 * SIZES["h_n"]} if "h_s" in typical else {}

@@ -139,7 +139,8 @@ def test_what_a_block_integrates_from_a_state_is_its_position(laws, models, mode
     source = modelica(INTEGRATORS.replace("GAIN", "1"))
     flat = load_flat("Chain.Rig", [source])
     port = next(p for p in ports_with_laws(flat, laws) if p.id == "rate.y")
-    assert (port.kind, port.signals) == ("motion", {"v": "rate.y", "x": "level.y"})
+    signals = {"v": "rate.y", "x": "level.y", "load": "2 * u - 0.8 * rate.y - 1.8 * level.y"}
+    assert (port.kind, port.signals) == ("motion", signals)
     agree("Chain.Rig", [source], uses_at(flat, laws, "cubic_stiffness@rate.y"), models, tmp_path, rng)
     # with a gain of its own it is a level like any other
     source.write_text(INTEGRATORS.replace("GAIN", "3"), encoding="utf-8")

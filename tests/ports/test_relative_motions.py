@@ -106,7 +106,7 @@ def test_two_masses_that_a_force_couples_have_a_place_between_them(tmp_path):
     between = ports["v_b-v_w"]
     assert between.signals == {"v": "v_b - v_w", "x": "body - wheel"}
     assert (between.unit, between.neighbours) == ("N", ("v_w",))
-    assert set(between.laws) == set(ports["v_b"].laws) - {"attached_mass"}
+    assert set(between.laws) == set(ports["v_b"].laws) - {"attached_mass", "load_friction"}
     (damper,) = (c for c in find_candidates(tuple(ports.values()), shipped_laws()) if c.id == "quadratic_drag@v_b-v_w")
     assert damper.neighbour is not None
     assert damper.neighbour.id == "v_w"

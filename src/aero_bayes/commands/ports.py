@@ -43,7 +43,7 @@ from aero_bayes.simulation.engines import open_simulator
 from aero_bayes.simulation.interface import ParameterTarget
 from aero_bayes.simulation.model import Model
 from aero_bayes.simulation.workers import WorkerPool
-from aero_bayes.structure.balance import Port, PortKind, port_table, signal_expression
+from aero_bayes.structure.balance import LOAD, Port, PortKind, port_table, signal_expression
 from aero_bayes.structure.candidates import describe_law, identifier
 from aero_bayes.structure.compose import with_probes
 from aero_bayes.structure.fmu_family import FmuPlaces
@@ -272,7 +272,7 @@ def _shapes(port: Port, sizes: Mapping[str, float], probe_name: str) -> list[tup
     """Return shapes of the probes at a port, scaled to size one: a constant, and functions of each signal."""
     found: list[tuple[str, Expression]] = [("a constant", Number(1.0))]
     for signal, variable in port.signals.items():
-        if signal in SIGNAL_DEFAULTS:
+        if signal in SIGNAL_DEFAULTS or signal == LOAD:
             continue
         # an output as it was before the probe
         tree = (

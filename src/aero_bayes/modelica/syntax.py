@@ -212,6 +212,33 @@ def short_text(tree: Expression) -> str:
     return type(tree).__name__.lower()
 
 
+_BINDING = {"+": 1, "-": 1, "*": 2, "/": 2, "^": 3}
+
+
+def modelica_text(tree: Expression, binds: int = 0) -> str | None:
+    """Return a formula of names, numbers, operators and functions as Modelica; None for anything else.
+
+    It stands in parentheses where what is around it ``binds`` more than its own operator."""
+    match tree:
+        case Name():
+            return short_text(tree)
+        case Number(value):
+            return f"{value:.12g}" if value >= 0.0 else f"({value:.12g})"
+        case Call("+" | "-" | "*" | "/" | "^" as operator, (one, two)):
+            own = _BINDING[operator]
+            left = modelica_text(one, own + (operator == "^"))
+            right = modelica_text(two, own + (operator != "+"))
+            text = None if left is None or right is None else f"{left} {operator} {right}"
+            return f"({text})" if text is not None and binds > own else text
+        case Call("neg", (one,)):
+            inner = modelica_text(one, _BINDING["*"])
+            return None if inner is None else f"(-{inner})"
+        case Call(function, args) if function.replace(".", "").isidentifier():
+            given = [text for a in args if (text := modelica_text(a)) is not None]
+            return f"{function}({', '.join(given)})" if len(given) == len(args) else None
+    return None
+
+
 def children(tree: Expression) -> tuple[Expression, ...]:
     """Return the expressions directly below one."""
     found: list[Expression] = []

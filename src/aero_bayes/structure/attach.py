@@ -21,7 +21,7 @@ from aero_bayes.modelica.flat import FlatEquation, FlatModel, FlatVariable
 from aero_bayes.modelica.syntax import Call, Expression, Name, Number, map_children
 from aero_bayes.simulation.model import Model
 from aero_bayes.simulation.model_description import Variable
-from aero_bayes.structure.balance import DIFFERENCE, Port
+from aero_bayes.structure.balance import Port, signal_parts
 from aero_bayes.structure.candidates import PlacedLaw
 from aero_bayes.structure.compose import LawModels
 from aero_bayes.structure.coupled_fmu import (
@@ -250,12 +250,13 @@ class _Attaching:
         return self.blocks.attached(law, f"{component}.{law.instance}" if component else law.instance, others)
 
     def _terms(self, signal: str) -> Terms:
-        """Return a signal, the difference of two variables maybe, by values that are known; inputs as they act."""
-        one, minus, other = signal.partition(DIFFERENCE)
-        if minus:
-            return (*self._terms(one), *((source, -gain) for source, gain in self._terms(other)))
+        """Return a signal, or the variables that it adds up, by values that are known; inputs as they act."""
         if signal in self.changed:
             return self.changed[signal]
+        if signal not in self.base.signals:
+            return tuple(
+                (source, sign * gain) for sign, part in signal_parts(signal) for source, gain in self._terms(part)
+            )
         found: list[tuple[Source, float]] = []
         for source, gain in self.base.signals[signal]:
             if source.part == INPUT:

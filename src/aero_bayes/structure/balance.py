@@ -10,7 +10,7 @@ from aero_bayes.errors import InputError
 from aero_bayes.modelica.classes import ClassText, ComponentDeclaration, SourceStatement, dotted_name
 from aero_bayes.modelica.compose import attribute_value
 from aero_bayes.modelica.flat import FlatModel
-from aero_bayes.modelica.parse import SourceLocation, find_outside, split_outside
+from aero_bayes.modelica.parse import SourceLocation, find_outside, parse_text, split_outside
 from aero_bayes.modelica.sources import SourceFile, Sources
 from aero_bayes.modelica.syntax import (
     Array,
@@ -19,12 +19,14 @@ from aero_bayes.modelica.syntax import (
     Name,
     Number,
     map_names,
+    modelica_text,
     parse_reference,
     short_text,
+    summands,
     walk,
 )
 from aero_bayes.modelica.units import Dimension, dimension_of_unit, unit_text, without_angle
-from aero_bayes.structure.aliases import substituted
+from aero_bayes.structure.aliases import derived_names, substituted
 from aero_bayes.structure.insertion_point import Driver, InsertionPoint, RowIndex, element_of_row, find_insertion_point
 
 #: Placeholder of the additional term in the residual of a vector equation.
@@ -33,7 +35,9 @@ TERM = Name("")
 
 @dataclass(frozen=True)
 class Balance:
-    """A balance equation, and how an opposing term enters its residual ``left - right``."""
+    """A balance equation, and how an opposing term enters its residual ``left - right``.
+
+    ``load`` is the sum of its other terms but for the driver, as Modelica; empty where it is no plain formula."""
 
     equation: int
     scale: Expression
@@ -43,6 +47,7 @@ class Balance:
     state: str = ""
     force: str = ""
     sign: int = 1
+    load: str = ""
 
     def added(self, term: Expression) -> Expression:
         """Return the increment of the residual."""
@@ -80,7 +85,16 @@ def find_balance(
         equation,
         map_names(scale, lambda n: parse_reference(n.name) if not n.subscripts else n),
         _unit(entry, sides, units),
+        load=_sum_of(entry.rest(sides, driver, values)),
     )
+
+
+def _sum_of(terms: Sequence[tuple[int, Expression]]) -> str:
+    """Return signed terms as one formula, those that are added first; empty where one is no plain formula."""
+    texts = [(s, modelica_text(t, 2)) for s, t in sorted(terms, key=lambda term: -term[0]) if t != Number(0.0)]
+    if any(text is None for _, text in texts) or any([*derived_names(t)] for _, t in terms):
+        return ""
+    return "".join(f"{' + ' if sign > 0 else ' - '}{text}" for sign, text in texts).removeprefix(" + ").strip()
 
 
 def _in_row(
@@ -291,12 +305,19 @@ def signal_port(
 
 #: Separates the two variables of a difference.
 DIFFERENCE = " - "
+#: The signal of a motion that is the rest of its balance: the force that drives it, by names in the model.
+LOAD = "load"
 
 
 def signal_expression(given: str) -> Expression:
-    """Return the expression of a variable, or of the difference of two."""
-    one, minus, other = given.partition(DIFFERENCE)
-    return Call("-", (parse_reference(one), parse_reference(other))) if minus else parse_reference(one)
+    """Return the expression of a signal: a variable, the difference of two, or the load at a balance."""
+    return parse_text(given)
+
+
+def signal_parts(given: str) -> list[tuple[int, str]]:
+    """Return the variables that a signal adds up, with their signs; itself where it is no sum of variables."""
+    terms = summands(signal_expression(given))
+    return [(s, short_text(t)) for s, t in terms] if all(isinstance(t, Name) for _, t in terms) else [(1, given)]
 
 
 def port_table(ports: Sequence[Port]) -> list[dict[str, object]]:

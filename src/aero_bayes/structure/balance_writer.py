@@ -11,9 +11,9 @@ from aero_bayes.modelica.compose import attribute_value
 from aero_bayes.modelica.flat import FlatEquation, FlatModel
 from aero_bayes.modelica.parse import find_outside, parse_expression, sides_of
 from aero_bayes.modelica.sources import Sources
-from aero_bayes.modelica.syntax import Expression, Name
+from aero_bayes.modelica.syntax import Expression, Name, map_names, modelica_text, parse_reference, short_text
 from aero_bayes.structure.aliases import AliasStructure
-from aero_bayes.structure.balance import DIFFERENCE, Port, parameter_values
+from aero_bayes.structure.balance import Port, parameter_values, signal_expression
 from aero_bayes.structure.candidates import PlacedLaw, identifier
 from aero_bayes.structure.class_with_laws import ClassWithLaws, formula, without_indices
 from aero_bayes.structure.find import driver_names, is_driver
@@ -51,9 +51,10 @@ class BalanceWriter:
             self._term(placed.neighbour, f"{placed.instance}.q_2" if placed.law.kind == "overflow" else text, -1)
 
     def _read(self, given: str) -> str:
-        """Return a variable, or a difference of two, as it is called beside laws at outputs."""
-        parts = [self.target.replacements.get(name, name) for name in given.split(DIFFERENCE)]
-        return f"({DIFFERENCE.join(parts)})" if len(parts) > 1 else parts[0]
+        """Return a signal with its variables as they are called beside laws at inputs and outputs."""
+        called = self.target.replacements.get
+        tree = map_names(signal_expression(given), lambda n: parse_reference(called(short_text(n), short_text(n))))
+        return modelica_text(tree, 2) or given
 
     def _term(self, port: Port, text: str, sign: int) -> None:
         """Append a term to the balance of a port, in the class itself or in a copy of its component's class."""

@@ -12,7 +12,7 @@ from aero_bayes.declared import PackageDeclaration
 from aero_bayes.errors import CannotFinishError, InputError
 from aero_bayes.modelica.flat import FlatModel
 from aero_bayes.modelica.units import Dimension, dimension_of_unit
-from aero_bayes.structure.balance import DIFFERENCE, KELVIN, Port
+from aero_bayes.structure.balance import DIFFERENCE, KELVIN, LOAD, Port
 from aero_bayes.structure.find import find_ports
 from aero_bayes.structure.law import SIGNAL_DEFAULTS, Law, LawParameter
 from aero_bayes.unknown_names import closest_name
@@ -95,7 +95,7 @@ def is_possible(law: Law, nominals: Mapping[str, float]) -> bool:
 
 def _is_against_input(port: Port) -> bool:
     """Return whether a motion is relative to an input, such as the wind, on which no reaction acts."""
-    return not port.neighbours and any(DIFFERENCE in given for given in port.signals.values())
+    return not port.neighbours and any(DIFFERENCE in given for name, given in port.signals.items() if name != LOAD)
 
 
 def _matches_unit(unit: str, asked: str) -> bool:

@@ -283,10 +283,9 @@ class ClassWithLaws:
             declarations=declarations, equations=equations,
         )  # fmt: skip
         self.classes.append(lines)
-        words = {word for line in lines for word in re.findall(r"\w+", line)}
         bound = {p.name: placed.names[p.name] for p in placed.parameters()}
         standing = {signal: f"{value:.12g}" for signal, value in placed.signal_defaults.items() if signal not in inside}
-        bound |= {signal: value for signal, value in {**standing, **given}.items() if signal in words}
+        bound |= {signal: value for signal, value in {**standing, **given}.items() if signal in placed.law.used_inputs}
         self.instances[placed.instance] = name, bound
 
     def copy_of(self, path: str) -> ComponentCopy:

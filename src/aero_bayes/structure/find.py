@@ -16,6 +16,7 @@ from aero_bayes.modelica.syntax import Call, Expression, Name, children, names_i
 from aero_bayes.modelica.units import dimension_of_unit
 from aero_bayes.structure.aliases import AliasStructure, alias_structure, derived_names, is_derivative
 from aero_bayes.structure.balance import (
+    LOAD,
     Balance,
     Port,
     PortKind,
@@ -31,6 +32,7 @@ from aero_bayes.structure.relative_motion import (
     branch_ports,
     force_outputs,
     is_current,
+    is_load,
     is_prescribed,
     is_relative_motion,
     kind_of,
@@ -226,9 +228,12 @@ def _equation(s: AliasStructure, state: str, position: str, option: _BalanceOpti
     signals = signals_of(kind, own, _own_name(s, position) if position else "")
     if is_relative_motion(s, state):
         kind, signals = "motion", {"x": own, "v": s.rates[state]}
+    units = units_of(s, kind, signals, balance.unit)
+    if kind == "motion" and is_load(s, balance.load, signals.values()):
+        signals, units = {**signals, LOAD: balance.load}, {**units, LOAD: balance.unit}
     states = tuple(dict.fromkeys((*s.states_in(e.left), *s.states_in(e.right), state)))
     return Port(
-        own, kind, "equation", balance.unit, units_of(s, kind, signals, balance.unit), e.place,
+        own, kind, "equation", balance.unit, units, e.place,
         tuple(_own_name(s, x) for x in states), signals, balance,
         counts=kind == "storage" and not _depends_on_level(s, e, state),
     )  # fmt: skip

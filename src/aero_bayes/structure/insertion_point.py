@@ -52,6 +52,16 @@ class InsertionPoint:
         text = f"(if {self.loop[0]} == {self.loop[1]} then {text} else 0)" if self.loop else text
         return [*opening, TextEdit(end, end, f"{')' if wrap else ''} {operator} {text}")]
 
+    def rest(
+        self, sides: tuple[Expression, Expression], driver: Driver, values: Mapping[str, float]
+    ) -> list[tuple[int, Expression]]:
+        """Return what drives, without the driver: the other terms of the sum, and those of the side that it equals."""
+        terms = summands(self.group)
+        own = [(-self.sign * s, t) for s, t in terms if sign_of_factor(t, driver, values) is None]
+        if len(own) == len(terms):
+            return own
+        return [*((self.sign * s, t) for s, t in summands(sides[1 if self.side > 0 else 0])), *own]
+
     def dimension(self, of: Callable[[str], Dimension | None], sides: Sequence[Expression] = ()) -> Dimension | None:
         """Return the dimension of the terms, from the first term whose variables all have a unit.
 

@@ -35,7 +35,9 @@ LAW_INTERFACES: Mapping[str, LawInterface] = {
     "InputLaw": LawInterface("input", "y", ("u",), {"u_n": "u"}),
     "OutputLaw": LawInterface("output", "y", ("u",), {"u_n": "u"}),
     "ReadingLaw": LawInterface("reading", "y", ("u",), {"u_n": "u"}),
-    "MotionLaw": LawInterface("motion", "f", ("v", "x"), {"f_n": "f", "v_n": "v", "x_n": "x", "x_w": "x", "x_0": "x"}),
+    "MotionLaw": LawInterface(
+        "motion", "f", ("v", "x", "load"), {"f_n": "f", "v_n": "v", "x_n": "x", "x_w": "x", "x_0": "x"}
+    ),
     "StorageLaw": LawInterface("storage", "q", ("h", "h_s"), {"q_n": "q", "h_n": "h", "h_0": "h", "h_z": "h"}),
     "OverflowLaw": LawInterface("overflow", "q", ("h",), {"q_n": "q", "h_n": "h"}),
     "ExchangeLaw": LawInterface("exchange", "q", ("h_1", "h_2"), {"q_n": "q", "h_n": "h_1", "d_n": "h_1"}),

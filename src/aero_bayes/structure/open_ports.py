@@ -21,10 +21,10 @@ from aero_bayes.modelica.compose import TRUE_SUFFIX, add_input, add_output, attr
 from aero_bayes.modelica.equation_system import translate
 from aero_bayes.modelica.expression import evaluate_nodes
 from aero_bayes.modelica.flat import FlatEquation, FlatModel, FlatVariable
-from aero_bayes.modelica.syntax import Call, Expression, Name, Number, map_names, parse_reference
+from aero_bayes.modelica.syntax import Call, Expression, Name, Number, map_names
 from aero_bayes.simulation.model import Model
 from aero_bayes.structure.aliases import AliasStructure, alias_structure
-from aero_bayes.structure.balance import DIFFERENCE, CombinationRule, ReplaceableModel
+from aero_bayes.structure.balance import CombinationRule, ReplaceableModel, signal_expression, signal_parts
 from aero_bayes.structure.candidates import PlacedLaw, identifier, in_sentence
 from aero_bayes.structure.compose import LawModels, with_probe
 from aero_bayes.structure.coupled_fmu import BASE, INPUT, STATE, UNREAD_SUFFIX, Source, Terms
@@ -274,7 +274,7 @@ def open_model(
             flat = with_probe(flat, port, probes[port.id], 1.0)
     read = [given for port in ports.values() for given in port.signals.values()]
     read += [signal for component, found in opened.items() for signal in found.reads_in(component).values()]
-    signals = dict.fromkeys(one for given in read for one in given.split(DIFFERENCE))
+    signals = dict.fromkeys(one for given in read for _, one in signal_parts(given))
     rated = dict.fromkeys(p.port.signals["u"] for p in every if p.law.needs_derivative)
     copied = {v.name: k for v in base.outputs if (k := base.copied_state(v.name)) is not None}
     asked = [(SIGNAL, name) for name in signals] + [(RATE, name) for name in rated if name not in copied]
@@ -282,8 +282,8 @@ def open_model(
     places, model = _places(base, structure), base
     while missing := [key for key in asked if key not in shown and not _is_known(*key, places, structure)]:
         for kind, name in missing:
-            tree = parse_reference(name)
-            shown[kind, name] = out = f"{kind}{identifier(name)}"
+            tree, out = signal_expression(name), f"{kind}{identifier(name)}"
+            shown[kind, name] = out = f"{out}_{len(shown)}" if out in shown.values() else out
             flat = add_output(flat, out, tree if kind == SIGNAL else Call("der", (tree,)))
         model = export(flat)
         places = _places(model, structure)

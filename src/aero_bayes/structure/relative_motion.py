@@ -11,7 +11,16 @@ from aero_bayes.modelica.graphs import reachable
 from aero_bayes.modelica.syntax import Call, Expression, Name, Number, names_in, summands, walk
 from aero_bayes.modelica.units import Dimension, dimension_of_unit
 from aero_bayes.structure.aliases import AliasStructure, derived_in, is_derivative
-from aero_bayes.structure.balance import DIFFERENCE, Balance, Port, PortKind, find_balance, parameter_values
+from aero_bayes.structure.balance import (
+    DIFFERENCE,
+    LOAD,
+    Balance,
+    Port,
+    PortKind,
+    find_balance,
+    parameter_values,
+    signal_expression,
+)
 from aero_bayes.structure.insertion_point import Driver, sign_of_factor
 
 SPEEDS = ({"rad": 1.0, "s": -1.0}, {"m": 1.0, "s": -1.0})
@@ -46,6 +55,14 @@ _ACTS: Mapping[PortKind, str] = {"motion": "f", "storage": "q", "electrical": "v
 
 def units_of(s: AliasStructure, kind: PortKind, signals: Mapping[str, str], unit: str) -> dict[str, str]:
     return {**{k: unit_in(s, n) for k, n in signals.items()}, _ACTS[kind]: unit}
+
+
+def is_load(s: AliasStructure, given: str, own: Collection[str]) -> bool:
+    """Return whether the rest of a balance is a load: not of its own motion alone, nor with another acceleration."""
+    read = names_in(signal_expression(given)) if given else set[str]()
+    moving = {s.of(n) for signal in own for n in names_in(signal_expression(signal))}
+    others = {s.of(n) for n in read if n in s.variables and not s.variables[n].constant} - moving
+    return bool(others) and not others & (set(s.rates.values()) - set(s.states))
 
 
 def owner_of(s: AliasStructure, name: str) -> str:
@@ -242,6 +259,8 @@ def force_outputs(s: AliasStructure, taken: Collection[int]) -> Iterator[Port]:
         if (sign_of_factor(whole, _is_name(moving.partition(DIFFERENCE)[0]), values) or 1) > 0:
             balance = replace(balance, scale=Call("neg", (balance.scale,)), sign=-1)
         known = {signal: unit_in(s, s.of(name.partition(DIFFERENCE)[0])) for signal, name in signals.items()}
+        if kind == "motion" and is_load(s, balance.load, signals.values()):
+            signals, known = {**signals, LOAD: balance.load}, {**known, LOAD: v.unit}
         yield Port(
             v.name, kind, "equation", v.unit, {**known, acts: v.unit}, s.flat.equations[index].place,
             tuple(s.states_in(whole)), signals, replace(balance, equation=s.origins[index][0], force=v.name),
@@ -303,7 +322,7 @@ def relative_motions(s: AliasStructure, balances: Sequence[Port]) -> Iterator[Po
     for first, second in combinations(moving, 2):
         distance = _distance(s, first, second)
         one, other = (second, first) if distance and distance[1] else (first, second)
-        shared = one.signals.keys() & other.signals.keys()
+        shared = (one.signals.keys() & other.signals.keys()) - {LOAD}
         alike = all(one.units[name] == other.units[name] for name in ("v", "f"))
         if one.attachment == other.attachment == "node":
             both = connecting_components(s, one, other)
