@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import pytest
 from facts import facts
 
-from aero_bayes.loop.sentences import error_change, left_over
+from aero_bayes.estimate.error_sentences import error_change, left_over
 
 pytestmark = pytest.mark.fast
 

@@ -29,8 +29,8 @@ LISTED = {
     "output": "gain offset saturation saturation_by_side unsigned lag lag_of_second_order delay curve",
     "reading": "lag lag_of_second_order delay",
     "motion": "coulomb_friction friction_by_direction stribeck_friction presliding_friction rounded_friction "
-    "load_friction viscous_friction quadratic_drag offset linear_stiffness cubic_stiffness unbalance hysteretic_spring attached_mass "
-    "end_stop end_stop_by_side backlash curve position_curve fine_position_curve",
+    "load_friction viscous_friction quadratic_drag offset linear_stiffness cubic_stiffness unbalance hysteretic_spring "
+    "attached_mass end_stop end_stop_by_side backlash curve position_curve fine_position_curve",
     "storage": "linear_loss root_loss square_loss offset second_storage radiation curve",
     "overflow": "overflow",
     "exchange": "exchange",

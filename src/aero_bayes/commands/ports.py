@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import math
 import textwrap
-from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
@@ -30,8 +29,9 @@ from aero_bayes.estimate.priors import Uniform
 from aero_bayes.estimate.result import Fit
 from aero_bayes.files import ScratchFolder
 from aero_bayes.loop.extend import Limit, limits_of
+from aero_bayes.loop.first_fit import LoopStatistics
 from aero_bayes.loop.models import ModelSource
-from aero_bayes.loop.search import Control, Effort, Library, Search
+from aero_bayes.loop.search import Effort, Library, Search
 from aero_bayes.loop.table import law_of
 from aero_bayes.modelica.compose import add_parameter, equate
 from aero_bayes.modelica.embedded import export_flat
@@ -143,8 +143,8 @@ def _limits(
         placed = family.prepare(fit.calibration, fit.optimum, open_)
         laws = tuple(t for t in placed if t not in family.curves())
         floors = noise_floors(fit.calibration.data.recordings, fit.outputs)
-        control = Control(ParallelMap(pool), Counter(), lambda: False, lambda what, share: None)
-        search = Search(source, Library(laws, {}, ()), floors, control, effort=Effort(beside_declared=False))
+        library, effort = Library(laws, {}, ()), Effort(beside_declared=False)
+        search = Search(source, library, floors, ParallelMap(pool), LoopStatistics(), effort=effort)
         search.begin(dict(zip(fit.calibration.parameters.names, fit.values.tolist(), strict=True)))
         found = search.screen((), laws)
         search.models.close()

@@ -11,6 +11,7 @@ import numpy as np
 
 from aero_bayes.data.columns import Mask
 from aero_bayes.data.recording import Recording
+from aero_bayes.display import join_names
 from aero_bayes.errors import InputError
 
 Role = Literal["train", "validation", "test"]
@@ -33,6 +34,18 @@ class Part:
         """The samples (n,) of the recording that belong to the part."""
         low, high = (-math.inf if self.begin is None else self.begin), (math.inf if self.end is None else self.end)
         return np.asarray((self.recording.time >= low) & (self.recording.time < high))
+
+    @property
+    def words(self) -> str:
+        """The recording, and what of it is meant."""
+        return f"{self.recording.name} {span_words(self.begin, self.end)}".strip()
+
+
+def span_words(begin: float | None, end: float | None) -> str:
+    """Say from when to when, in s; empty for all of a recording."""
+    first = "" if begin is None else f"from {begin:.4g} s "
+    last = "on" if end is None else f"{'to' if first else 'up to'} {end:.4g} s"
+    return "" if begin is None and end is None else first + last
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,6 +98,15 @@ class Recordings:
         """The parts of a recording that have one of some roles, or all."""
         roles = roles or ROLES
         return tuple(part for part in self.parts if part.recording is recording and part.role in roles)
+
+    @property
+    def sentence(self) -> str:
+        """What each part of the recordings does."""
+        named = {role: join_names([p.words for p in self.parts if p.role == role]) for role in ROLES}
+        told = f"Training, which is fitted: {named['train']}. Validation, which confirms: {named['validation']}."
+        if self.has_test:
+            return f"{told} Test, which decides nothing: {named['test']}."
+        return f"{told} No readings are left for a test, so the error on validation readings is no test."
 
     @property
     def has_test(self) -> bool:

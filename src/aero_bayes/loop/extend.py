@@ -10,7 +10,6 @@ from typing import Literal
 
 import numpy as np
 
-from aero_bayes.arrays import FloatArray
 from aero_bayes.errors import CannotFinishError
 from aero_bayes.estimate.fit import with_solver_difference
 from aero_bayes.estimate.identifiability import Estimate
@@ -24,20 +23,8 @@ from aero_bayes.loop.first_fit import SEARCHED, FirstFit, LoopContext, refitted
 from aero_bayes.loop.search import Search
 from aero_bayes.loop.table import BOTH, Table, Terms, law_of
 from aero_bayes.plain import plain
-from aero_bayes.structure.law_places import is_held
 from aero_bayes.structure.modelica_family import ExtendedModel
-from aero_bayes.structure.open_ports import CurveBasis
-
-
-@dataclass(frozen=True, eq=False)
-class LearnedCurve:
-    """What a port gives over a signal: ``x``, ``value`` and its standard deviation ``sd``, shape (n,) each."""
-
-    x: FloatArray
-    value: FloatArray
-    sd: FloatArray
-    x_unit: str
-    unit: str
+from aero_bayes.structure.open_ports import CurveBasis, LearnedCurve
 
 
 @dataclass(frozen=True)
@@ -207,20 +194,10 @@ def _effect(
     return FoundEffect(
         id_, ports.get(id_, ""), "free_form" if over else "catalogue", tuple(known[n] for n in names if n in known),
         *share, claim.kind if claim is not None else None,
-        tuple(Alternative(o, ports.get(o, ""), ratio) for o, ratio in others), describe(context, id_),
+        tuple(Alternative(o, ports.get(o, ""), ratio) for o, ratio in others), context.family.describe(id_),
         over=over, looks_like=_looks_like(table, decision, id_) if over else "", curve=curve,
         tried_all=claim is None or claim.tried_all,
     )  # fmt: skip
-
-
-def describe(context: LoopContext, id_: str) -> str:
-    """A phrase about a term."""
-    kind, _, name = id_.partition("@")
-    held = {
-        "value": f"another value of {name} than the fixed one",
-        "start": f"another start of {name} than the fixed one",
-    }
-    return held[kind] if is_held(id_) else context.family.describe(id_)
 
 
 def _looks_like(table: Table, decision: Decision, curve: str) -> str:
@@ -241,7 +218,4 @@ def _learned(basis: CurveBasis, names: list[str], fit: Fit) -> LearnedCurve:
     covariance = np.zeros((len(columns), len(columns)))
     covariance[np.ix_(inside, inside)] = optimum.covariance[np.ix_(rows, rows)]
     covariance *= np.outer(scale, scale)
-    variance = np.einsum("kn,kl,ln->n", basis.rows, covariance, basis.rows)
-    return LearnedCurve(
-        basis.x, basis.plain + heights @ basis.rows, np.sqrt(np.maximum(variance, 0.0)), basis.x_unit, basis.unit
-    )
+    return basis.learned(heights, covariance)

@@ -138,6 +138,10 @@ class LoopStatistics:
         self._told = what, max(share, self._told[1])
         return self.watched(*self._told)
 
+    def tell_search(self, what: str, done: float) -> object:
+        """Tell what a search does, and which share of it is done."""
+        return self.tell(what, FITTED_FIRST + (SEARCHED - FITTED_FIRST) * done)
+
     def set_time_limit(self, seconds: float) -> None:
         """Limit the time from now on, in s. What follows takes about as long as what came before: it fits, too."""
         self._until, self._limit = time.perf_counter() + seconds, seconds

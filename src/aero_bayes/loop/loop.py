@@ -27,7 +27,6 @@ from aero_bayes.loop.decide import ClaimKind, Decision, decide
 from aero_bayes.loop.extend import extend
 from aero_bayes.loop.first_fit import (
     FITTED_FIRST,
-    SEARCHED,
     FirstFit,
     LoopContext,
     LoopSettings,
@@ -38,7 +37,7 @@ from aero_bayes.loop.first_fit import (
 from aero_bayes.loop.make_result import Ended, result_of
 from aero_bayes.loop.models import FittedModel, ModelSource
 from aero_bayes.loop.result import LoopResult
-from aero_bayes.loop.search import Control, Effort, Library, Search
+from aero_bayes.loop.search import Effort, Library, Search
 from aero_bayes.loop.table import Terms
 from aero_bayes.loop.validation import Validation
 from aero_bayes.modelica.sources import main_class
@@ -195,17 +194,13 @@ def searched(context: LoopContext, first: FirstFit, *, explained: bool = False) 
     library = Library((*laws, *held), family.refinements(), curves, settings.require, settings.max_effects)
     statistics.tell("trying each candidate", FITTED_FIRST)
     statistics.set_time_limit(60.0 * settings.max_minutes)
-    control = Control(
-        context.map, statistics.outcomes, statistics.time_is_up,
-        lambda what, done: statistics.tell(what, FITTED_FIRST + (SEARCHED - FITTED_FIRST) * done), statistics.used,
-    )  # fmt: skip
     predictor = context.predictor
 
     def validated_by(fitted: FittedModel) -> Validation | None:
         return Validation.of(predictor, fitted.model.objective.calibration, fitted.optimum)
 
     effort = Effort.of(sum(steps) or sum(lengths))
-    search = Search(source, library, first.floors, control, validated_by, effort)
+    search = Search(source, library, first.floors, context.map, statistics, validated_by, effort)
     search.begin(first.values)
     statistics.end_stage("models")
     search.run()

@@ -3,23 +3,22 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
-from aero_bayes.data.split import ROLES, Part, Recordings
-from aero_bayes.display import join_names
 from aero_bayes.estimate.calibrated_model import CalibratedModel, calibrated_model
 from aero_bayes.estimate.diagnosis import DiagnosisRow
+from aero_bayes.estimate.error_sentences import left_over
 from aero_bayes.estimate.predict_recordings import Prediction, shifts
 from aero_bayes.estimate.residual_tests import RecordingError, ResidualReport, recording_errors, structured_residuals
 from aero_bayes.estimate.result import Fit
 from aero_bayes.loop.decide import Decision
-from aero_bayes.loop.extend import ExtendedFit, describe, limits_of
+from aero_bayes.loop.extend import ExtendedFit, limits_of
 from aero_bayes.loop.first_fit import FirstFit, LoopContext, LoopSettings
 from aero_bayes.loop.result import LoopOutcome, LoopResult, Step, free_estimates, steps_of
 from aero_bayes.loop.search import Search
-from aero_bayes.loop.sentences import extended_sentence, left_over
+from aero_bayes.loop.sentences import extended_sentence
 from aero_bayes.simulation.interface import DelayTarget
 from aero_bayes.simulation.model import ModelicaSource
 
@@ -27,7 +26,6 @@ from aero_bayes.simulation.model import ModelicaSource
 MOST_REFUSED_NAMED = 5
 #: Share of the squared residual in a tenth of a recording from which it is one disturbance.
 DISTURBANCE_SHARE = 0.8
-Floors = Mapping[tuple[str, str], float]
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,7 +99,7 @@ def story_of(context: LoopContext, ended: Ended) -> tuple[str, ...]:
     lines = [
         f"{context.family.places.title} was fitted as given. Its residual of {worst.output} in {worst.recording} is "
         f"{left}.",
-        roles_sentence(context.recordings),
+        context.recordings.sentence,
         *_restrictions(context.settings),
         f"{len(search.fits)} model structures were compared by two errors: on training readings that were left out, "
         f"in {len(search.folds.blocks)} folds, and on validation readings; {refits} of them were fitted again without "
@@ -122,23 +120,6 @@ def _restrictions(settings: LoopSettings) -> tuple[str, ...]:
     return tuple(lines)
 
 
-def roles_sentence(recordings: Recordings) -> str:
-    """What each part of the recordings did."""
-    named = {role: join_names([part_words(p) for p in recordings.parts if p.role == role]) for role in ROLES}
-    told = f"Training, which is fitted: {named['train']}. Validation, which confirms: {named['validation']}."
-    if recordings.has_test:
-        return f"{told} Test, which decides nothing: {named['test']}."
-    return f"{told} No readings are left for a test, so the error on validation readings is no test."
-
-
-def part_words(part: Part) -> str:
-    """A recording, or what of it is meant."""
-    if part.begin is None:
-        return part.recording.name if part.end is None else f"{part.recording.name} up to {part.end:.4g} s"
-    until = "on" if part.end is None else f"to {part.end:.4g} s"
-    return f"{part.recording.name} from {part.begin:.4g} s {until}"
-
-
 def _disturbance(reports: Sequence[ResidualReport]) -> tuple[str, float, float] | None:
     """Recording, start and end in s of a disturbance: a tenth of the recording has most of the squared residual."""
     found = [r for r in structured_residuals(reports) if r.worst_share > DISTURBANCE_SHARE and math.isfinite(r.ratio)]
@@ -154,8 +135,10 @@ def result_of(context: LoopContext, ended: Ended, cause: DiagnosisRow | None) ->
     effects = extended.effects if extended is not None else ()
     predicted = context.predictor.predict(first.plain, first.fit.optimum)
     same = tuple((t, *(o for o, _ in c.alternatives)) for t, c in decision.claims.items() if c.alternatives)
-    noise = after.noise
-    errors = _errors(context, predicted, extended.after if extended is not None else predicted, first.floors, after)
+    judged = extended.after if extended is not None else predicted
+    spreads, parts = after.calibration.data.spreads, context.recordings.parts
+    errors = recording_errors(parts, predicted.fitted, judged.fitted, first.floors, after.noise, spreads)
+    text, name, diff = (written.text, written.path.name, written.diff) if written is not None else ("", "", "")
     outcome, sentence = _outcome(context, ended, predicted, errors)
     steps, notes = ended.steps, tuple(filter(None, (early_end_sentence(context, search.ended),)))
     data = next((row for row in first.fit.diagnosis if row.cause == "data" and row.found), None)
@@ -169,32 +152,19 @@ def result_of(context: LoopContext, ended: Ended, cause: DiagnosisRow | None) ->
         outcome=outcome, sentence=sentence, base=context.family.places.base,
         model=written.name if written is not None else context.family.places.base, effects=effects, equivalent=same,
         limits=limits_of(search, decision.model), refused=decision.refused, before=first.fit, after=after,
-        predicted_before=predicted, predicted_after=extended.after if extended is not None else predicted,
-        floors=first.floors, residual_before=first.reports,
+        predicted_before=predicted, predicted_after=judged, floors=first.floors, residual_before=first.reports,
         residual_after=extended.reports if extended is not None else first.reports, steps=steps,
-        shifts=shifts(first.fit, after) if effects else (),
-        identifiability=after.identifiability,
-        noise=noise, errors=errors, modelica=written.text if written is not None else "",
-        modelica_path=written.path.name if written is not None else "",
-        diff=written.diff if written is not None else "", separate=_separate(decision),
+        shifts=shifts(first.fit, after) if effects else (), identifiability=after.identifiability, noise=after.noise,
+        errors=errors, modelica=text, modelica_path=name, diff=diff, separate=_separate(decision),
         story=story_of(context, ended), simulations=found.total(),
         failures=sum(count for how, count in found.items() if how), seconds=dict(context.statistics.seconds),
-        words={id_: describe(context, id_) for id_ in sorted(rivals)},
+        words={id_: context.family.describe(id_) for id_ in sorted(rivals)},
         added=extended.added if extended is not None else (), diagnosis=first.fit.diagnosis,
         interpolation=after.calibration.data.interpolation, recordings=context.recordings,
         plain=context.family.base_model(),
         calibrated=_calibrated(context.family.base_model().source, extended, after), table=table,
-        blocks=table.blocks,
-        data_notes=notes,
+        blocks=table.blocks, data_notes=notes,
     )  # fmt: skip
-
-
-def _errors(
-    context: LoopContext, before: Prediction, after: Prediction, floors: Floors, fit: Fit
-) -> tuple[RecordingError, ...]:
-    """The errors of both models on each part of the recordings."""
-    spreads = fit.calibration.data.spreads
-    return recording_errors(context.recordings.parts, before.fitted, after.fitted, floors, fit.noise, spreads)
 
 
 def _outcome(

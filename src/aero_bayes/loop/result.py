@@ -45,48 +45,6 @@ def free_estimates(fit: Fit) -> dict[str, Estimate]:
     return {name: fit.parameters[name] for name in names}
 
 
-class FittedLoop:
-    """The fit of the model that came out of a loop, and what is asked of it most."""
-
-    after: Fit
-
-    @property
-    def fit(self) -> Fit:
-        """The fit of the model that came out: what takes a fit takes the loop's result, too.
-
-        Examples
-        --------
-        >>> loop.fit["k"].unit
-        'N/m'
-        """
-        return self.after
-
-    @property
-    def parameters(self) -> dict[str, Estimate]:
-        """Parameters of the model that came out that were fitted, with their intervals."""
-        return free_estimates(self.after)
-
-    def summary(self) -> str:
-        """Return the parameters of the model that came out as a table: value, 90 % interval, unit, status.
-
-        Examples
-        --------
-        >>> loop.summary().splitlines()[1].split()[:2]
-        ['parameter', 'value']
-        """
-        return self.after.summary()
-
-    def to_matlab(self, path: Path | str) -> Path:
-        """Write the values of the model that came out for MATLAB to a ``path``; see :meth:`Fit.to_matlab`.
-
-        Examples
-        --------
-        >>> loop.to_matlab("loop.m").name
-        'loop.m'
-        """
-        return self.after.to_matlab(path)
-
-
 @dataclass(frozen=True)
 class StepCandidate:
     """A term beside those of the rounds before: the left-out error with it, refitted or not, over that without it."""
@@ -150,7 +108,7 @@ LoopOutcome = Literal["adequate", "extended", "unexplained"]
 
 
 @dataclass(frozen=True, eq=False)
-class LoopResult(FittedLoop, HasPage):
+class LoopResult(HasPage):
     """The outcome of a closed loop.
 
     Parameters
@@ -269,6 +227,42 @@ class LoopResult(FittedLoop, HasPage):
     table: Table | None = None
     blocks: int = 0
     scratch: ScratchFolder | None = field(default=None, repr=False)
+
+    @property
+    def fit(self) -> Fit:
+        """The fit of the model that came out: what takes a fit takes the loop's result, too.
+
+        Examples
+        --------
+        >>> loop.fit["k"].unit
+        'N/m'
+        """
+        return self.after
+
+    @property
+    def parameters(self) -> dict[str, Estimate]:
+        """Parameters of the model that came out that were fitted, with their intervals."""
+        return free_estimates(self.after)
+
+    def summary(self) -> str:
+        """Return the parameters of the model that came out as a table: value, 90 % interval, unit, status.
+
+        Examples
+        --------
+        >>> loop.summary().splitlines()[1].split()[:2]
+        ['parameter', 'value']
+        """
+        return self.after.summary()
+
+    def to_matlab(self, path: Path | str) -> Path:
+        """Write the values of the model that came out for MATLAB to a ``path``; see :meth:`Fit.to_matlab`.
+
+        Examples
+        --------
+        >>> loop.to_matlab("loop.m").name
+        'loop.m'
+        """
+        return self.after.to_matlab(path)
 
     def __getitem__(self, name: str) -> Estimate:
         if name not in self.parameters:

@@ -9,7 +9,6 @@ terms may explain what neither does alone.
 from __future__ import annotations
 
 import math
-from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
@@ -21,13 +20,13 @@ import numpy as np
 from aero_bayes.arrays import FloatArray
 from aero_bayes.errors import CannotFinishError
 from aero_bayes.estimate.local_fit import LocalFitSettings, Optimum, fit_progressive_horizon, local_fit
+from aero_bayes.loop.first_fit import LoopStatistics
 from aero_bayes.loop.folds import ROUNDING_SHARE, Folds, newton_errors, refitted_errors
 from aero_bayes.loop.models import FittedModel, Models, ModelSource
 from aero_bayes.loop.screen import LEAST_FALL, Promise, Screen, Screened
 from aero_bayes.loop.table import MATERIAL, Row, Table, Terms
 from aero_bayes.loop.validation import Validation
 from aero_bayes.parallel import ParallelMap, Task
-from aero_bayes.simulation.interface import Outcome
 
 R = TypeVar("R")
 
@@ -92,27 +91,17 @@ class Library:
     most_terms: int = 3
 
 
-@dataclass(frozen=True, eq=False)
-class Control:
-    """How a search is run: its map over independent tasks, their counts, its time limit and its report.
-
-    ``used`` is the share of the time limit that has passed."""
-
-    map: ParallelMap
-    counts: Counter[Outcome]
-    late: Callable[[], bool]
-    tell: Callable[[str, float], object]
-    used: Callable[[], float] = lambda: 0.0
-
-
 @dataclass(eq=False)
 class Search:
-    """A search; ``fits`` are the best of each structure, ``table`` their errors, ``screened`` what terms promised."""
+    """A search; ``fits`` are the best of each structure, ``table`` their errors, ``screened`` what terms promised.
+
+    ``map`` does independent tasks."""
 
     source: ModelSource
     library: Library
     floors: Mapping[tuple[str, str], float]
-    control: Control
+    map: ParallelMap
+    statistics: LoopStatistics
     validated_by: Callable[[FittedModel], Validation | None] = lambda fitted: None
     effort: Effort = Effort()
     fits: dict[Terms, FittedModel] = field(default_factory=dict)
@@ -146,7 +135,7 @@ class Search:
         if model is None:
             return found
         for point in points:
-            if found and self.control.late():
+            if found and self.statistics.time_is_up():
                 break
             with suppress(CannotFinishError):
                 end = local_fit(
@@ -157,7 +146,7 @@ class Search:
 
     def _stop(self, iteration: int, cost: float) -> bool:
         """Whether a fit has to end where it is: none runs past the time limit."""
-        return self.control.late()
+        return self.statistics.time_is_up()
 
     def found(self, terms: Terms, points: Iterable[FloatArray], how: tuple[int, float]) -> Optimum | None:
         """The best of the fits from some points."""
@@ -250,7 +239,7 @@ class Search:
 
     def _late(self, what: str, room: float) -> bool:
         """Whether this share of the time limit has passed; what was being done then is kept."""
-        if not self.ended and (self.control.late() or self.control.used() > room):
+        if not self.ended and (self.statistics.time_is_up() or self.statistics.used() > room):
             self.ended = what
         return bool(self.ended)
 
@@ -388,14 +377,14 @@ class Search:
     def work(self, what: str, until: float) -> None:
         """Begin a part of the work, at the end of which so much of the whole is done."""
         self.done, self.doing = self.doing[1], (what, until)
-        self.control.tell(what, self.done)
+        self.statistics.tell_search(what, self.done)
 
     def _map(self, works: Sequence[Callable[[], R]]) -> list[R | None]:
         """Do tasks; those that cannot be done give None."""
-        tasks = [Task(partial(_tried, work), self.control.counts) for work in works]
+        tasks = [Task(partial(_tried, work), self.statistics.outcomes) for work in works]
         (what, until), begun = self.doing, self.done
         step = NEXT_TASKS * (until - begun)
-        found = self.control.map(tasks, lambda share: self.control.tell(what, begun + step * share))
+        found = self.map(tasks, lambda share: self.statistics.tell_search(what, begun + step * share))
         self.done += step
         return found
 

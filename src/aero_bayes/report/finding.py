@@ -7,8 +7,9 @@ from dataclasses import dataclass
 
 from markupsafe import Markup
 
-from aero_bayes.loop.sentences import beside, claimed, cross_validated, growing, in_words, places, told_first
-from aero_bayes.loop.sentences import place as where
+from aero_bayes.estimate.error_sentences import growing, told_first
+from aero_bayes.estimate.error_sentences import place as where
+from aero_bayes.loop.sentences import beside, claimed, cross_validated, in_words, places
 from aero_bayes.report import words
 from aero_bayes.report.drawing import Plate
 from aero_bayes.report.loop_figures import changed_equations, curve_plate

@@ -6,7 +6,8 @@ Names of signals, parameters and effects stand in backquotes: the page sets them
 from __future__ import annotations
 
 from aero_bayes.display import join_names
-from aero_bayes.loop.sentences import lacking, left_over
+from aero_bayes.estimate.error_sentences import left_over
+from aero_bayes.loop.sentences import lacking
 from aero_bayes.report.schema_estimate import DiagnosisJson, VerdictJson
 from aero_bayes.report.schema_run import EffectJson, LimitJson, LoopJson, RunJson
 from aero_bayes.report.tables import parameter_quantity

@@ -46,7 +46,7 @@ from aero_bayes.structure.candidates import (
 from aero_bayes.structure.compose import compose_laws
 from aero_bayes.structure.coupled_fmu import couple
 from aero_bayes.structure.law import START_PREFIX
-from aero_bayes.structure.law_places import LawPlaces
+from aero_bayes.structure.law_places import START, LawPlaces, is_held
 from aero_bayes.structure.nominal_values import port_nominals, signal_nominal, simulated_signals
 from aero_bayes.structure.open_ports import (
     CurveBasis,
@@ -431,7 +431,10 @@ class ModelicaFamily:
         return state_aliases(self.base_model())
 
     def describe(self, id_: str) -> str:
-        """Return a sentence about a law and its port."""
+        """Return a phrase about a term: a law and its port, or a value or a start that was held."""
+        if is_held(id_):
+            what = "start" if id_.startswith(START) else "value"
+            return f"another {what} of {id_.partition('@')[2]} than the fixed one"
         placed = self.placed[id_]
         return describe_law(placed.law, placed.port, placed.place)
 

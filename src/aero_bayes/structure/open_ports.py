@@ -157,6 +157,17 @@ CURVE_POINTS = 61
 
 
 @dataclass(frozen=True, eq=False)
+class LearnedCurve:
+    """What a port gives over a signal: ``x``, ``value`` and its standard deviation ``sd``, shape (n,) each."""
+
+    x: FloatArray
+    value: FloatArray
+    sd: FloatArray
+    x_unit: str
+    unit: str
+
+
+@dataclass(frozen=True, eq=False)
 class CurveBasis:
     """Basis functions of a learned curve, which is linear in its heights."""
 
@@ -165,6 +176,11 @@ class CurveBasis:
     plain: FloatArray
     rows: FloatArray
     unit: str
+
+    def learned(self, heights: FloatArray, covariance: FloatArray) -> LearnedCurve:
+        """Return the curve of some heights (k,), and how sure it is by their covariance (k, k)."""
+        sd = np.sqrt(np.maximum(np.einsum("kn,kl,ln->n", self.rows, covariance, self.rows), 0.0))
+        return LearnedCurve(self.x, self.plain + heights @ self.rows, sd, self.x_unit, self.unit)
 
 
 def curve_basis(placed: PlacedLaw, models: LawModels) -> CurveBasis:
