@@ -13,13 +13,11 @@ from aero_bayes.modelica.causalisation import ExplicitModel
 from aero_bayes.modelica.expression import Builder, Node, topological_order
 from aero_bayes.modelica.linear_equations import AlgebraicLoop
 from aero_bayes.modelica.prepared_model import (
-    LaneEquations,
     ParameterStage,
     PreparedModel,
     StoredValue,
     assertion_function,
     c_string,
-    lane_functions,
     loop_function,
     reinit_function,
     start_function,
@@ -84,11 +82,6 @@ def generate(switching: SwitchingModel, layout: VariableLayout, guid: str) -> st
         functions.append(f"{_MARK} ab_eventless(void) {{ return 1; }}")
         if _is_linear(m):
             functions.append(f"{_MARK} ab_linear(void) {{ return 1; }}")
-    found = _in_lanes(m, leaves, kept, counts["time_varying"])
-    if found is not None:
-        functions.append(found[0])
-        counts["lane_constants"] = len(found[1])
-        tables["int lane_constant_at"] = [str(place) for place in found[1]]
     names = ("set_defaults", "start", "k", *code.groups, "reinit", "violated")
     lines = [
         '#include "model.h"',
@@ -279,27 +272,6 @@ def _tables(m: PreparedModel, leaves: dict[Node, str]) -> dict[str, list[str]]:
     }
 
 
-def _in_lanes(
-    m: PreparedModel, leaves: dict[Node, str], kept: dict[Node, str], time_varying: int
-) -> tuple[str, list[int]] | None:
-    """Return the equations for several parameter vectors at a time; None with loops or events, or without states."""
-    b, events, time = m.builder, m.model.discrete, m.model.system.time
-    between_events = events.relations or events.roundings or events.samplings or m.steps or events.assertions
-    known = {time, *m.states, *m.inputs, *m.parameters}
-    if not m.states or m.loops or between_events or not all(b.symbols(n) <= known for n in (*m.rates, *m.outputs)):
-        return None
-    constants = {**{p: leaves[p] for p in m.parameters}, **kept}
-    slopes = _jacobian(b, m.rates, m.states, m.stage, 0, by_rows=True)
-    return lane_functions(
-        LaneEquations(m.states, m.inputs, time, constants, m.rates, m.outputs, slopes),
-        {
-            "first_input": 2 * len(m.states),
-            "first_output": m.layout.first_output,
-            "time_varying": time_varying,
-        },
-    )
-
-
 def _surface_sizes(surfaces: int, rows: int, nx: int, nu: int, np_: int) -> dict[str, int]:
     """Sizes of the groups that sliding needs (native/sliding.h)."""
     return {
@@ -350,7 +322,7 @@ def _loop_targets(
 
 
 def _jacobian(
-    b: Builder, rows: Sequence[Node], columns: Sequence[Node], stage: ParameterStage, at: int, *, by_rows: bool = False
+    b: Builder, rows: Sequence[Node], columns: Sequence[Node], stage: ParameterStage, at: int
 ) -> list[StoredValue]:
     targets = []
     rows_with: dict[Node, list[int]] = {}
@@ -362,6 +334,6 @@ def _jacobian(
         for i in rows_with.get(symbol, ()):
             slope = stage.reciprocal(b.derivative(rows[i], symbol, memo))
             if slope is not b.zero:
-                place = str(i * len(columns) + j) if by_rows else f"m->data[{at + j * len(rows) + i}]"
+                place = f"m->data[{at + j * len(rows) + i}]"
                 targets.append(StoredValue(place, slope))
     return targets

@@ -129,30 +129,3 @@ static int derivative(Model *m, unsigned unknown, unsigned known, double *v)
     *v = unknown == DX && known == X ? -1.0 : 0.0;
     return OK;
 }
-
-#ifdef LANES /* the same equation over several parameter vectors at a time */
-#include "../../../src/aero_bayes/modelica/native/lanes.h"
-#define EACH for (int l = 0; l < lanes; l++)
-static double slope(double mode, double t, double x)
-{
-    if (mode == NOT_A_NUMBER && t > 0.5) return NAN;
-    if (mode == STIFFEN) return sin(1e18 * t) * 1e30;
-    return mode == BLOW_UP ? 1.0 + x * x : -x;
-}
-static void slopes(int lanes, const double *k, const double *t, const double *u, const double *x, double *out)
-{
-    EACH out[l] = slope(k[l], t[l], x[l]);
-}
-static void jacobian(int lanes, const double *k, const double *t, const double *u, const double *x, double *out)
-{
-    EACH out[l] = -1.0;
-}
-static const LaneTable table = {.version = AB_LANES_VERSION, .lanes = AB_LANES, .nx = 1, .constants = 1, .time_varying = 1,
-                                .derivatives = slopes, .jacobian = jacobian};
-__attribute__((visibility("default"))) const LaneTable *ab_lanes(int set) { return &table; }
-__attribute__((visibility("default"))) int ab_lanes_constants(void *c, double *k)
-{
-    *k = ((Model *)c)->r[MODE];
-    return OK;
-}
-#endif

@@ -8,7 +8,6 @@
 #include "fmi2Functions.h"
 
 #include "events.h"
-#include "lanes.h"
 #include "engine.h"
 
 typedef struct {
@@ -290,14 +289,6 @@ fmi2Status fmi2GetEventIndicators(fmi2Component c, fmi2Real z[], size_t n) {
     if ((int)n != count_indicators()) return fail(s, fmi2Error, "fmi2GetEventIndicators: the model has %d", count_indicators());
     if (n) event_indicators(s->m, z);
     return evaluation_status(s);
-}
-
-/* Not of FMI: the constants of lane functions (lanes.h), from an initialised instance. */
-__attribute__((visibility("default"))) int ab_lanes_constants(void *c, double *k) {
-    Model *m = ((Instance *)c)->m;
-    need_constants(m);
-    for (int i = 0; i < INFO.lane_constants; i++) k[i] = m->data[INFO.lane_constant_at[i]];
-    return fmi2OK;
 }
 
 /* ---- the state of an FMU: kept, set, and as bytes ---- */

@@ -53,8 +53,6 @@ typedef struct {
     void (*rise)(Model *m);     /* RISE: how fast the surfaces' differences grow, by the derivatives in R */
     void (*rise_slopes)(Model *m); /* its derivatives by these, by states and inputs, and by parameters */
     int (*violated)(Model *m, unsigned char *bad);
-    int lane_constants; /* see lanes.h */
-    const int *lane_constant_at;
 } Info;
 
 extern const Info model_info;

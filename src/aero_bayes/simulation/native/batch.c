@@ -7,7 +7,7 @@
 #include <time.h>
 #include <unistd.h>
 
-#include "lanes.h"
+#include "engine.h"
 
 enum { TODO = 255 };
 
@@ -189,48 +189,6 @@ static int run_singly(Problem *p, char *base, Job *job, Slot *mine, int64_t firs
     return 0;
 }
 
-/* A task begins in an idle lane, or has its outcome at once. */
-static void begin_task(Lanes *s, int lane, char *base, const Job *job, int64_t index)
-{
-    Run *r = lane_buffers(s, lane, index % job->experiments);
-    int outcome = AB_SOLVER_FAILED;
-    if (r) {
-        const double *noise = set_task(r, base, job, index);
-        outcome = all_finite(r->values, job->p) ? lane_begin(s, lane, r, (int)job->mode, noise) : AB_NOT_FINITE;
-    }
-    if (outcome) ((unsigned char *)base + job->outcome)[index] = (unsigned char)outcome;
-}
-
-/* The same with several runs under way. The slot names one of them: only initialisation and what is done by all lanes
- * together run code of the FMU, so that it is the one to blame for a crash. */
-static int run_lanes(Lanes *s, char *base, Job *job, Slot *mine, int64_t first)
-{
-    unsigned char *outcome = (unsigned char *)base + job->outcome;
-    int64_t task[WIDE];
-    int more = 1, full = 0, busy = 1;
-    while (busy) {
-        busy = 0;
-        for (int l = 0; l < WIDE; l++) {
-            Lane *lane = &s->lane[l];
-            if (lane->run && lane->ended) {
-                count_steps(lane->run, base, job, task[l]);
-                outcome[task[l]] = (unsigned char)(lane->outcome ? lane->outcome : close_task(lane->run, base, job, task[l]));
-                lane->run = NULL;
-                full |= leaks();
-            }
-            while (!lane->run && more && !full && (more = (task[l] = next_task(base, job, &first)) >= 0)) {
-                work_at(mine, task[l]);
-                begin_task(s, l, base, job, task[l]);
-            }
-            if (lane->run) busy = 1;
-            if (lane->run && outcome[mine->task] != TODO) work_at(mine, task[l]);
-        }
-        if (busy) lanes_advance(s);
-    }
-    __atomic_store_n(&mine->task, -1, __ATOMIC_RELEASE);
-    return full;
-}
-
 /* Works until no task is left (0), until this process can do no more (1): its memory is full, or the FMU was
  * instantiated as often as it can be; the task that met this stays in the slot, undone; or until the FMU cannot be
  * loaded (2), see ab_load_error. `first` (or -1) is a task to do before asking for more. */
@@ -241,9 +199,7 @@ EXPORT int ab_batch(Problem *p, char *base, Job *job, Slot *mine, int64_t first)
     _mm_setcsr(mode | 0x8040); /* denormal numbers are zero: a decayed sensitivity must not cost a hundredfold */
 #endif
     watched = mine;
-    const int plain = job->q == 0 && (job->mode == MODE_TRAJECTORY || job->mode == MODE_LIKELIHOOD);
-    Lanes *lanes = plain ? lanes_of(p) : NULL;
-    const int full = lanes ? run_lanes(lanes, base, job, mine, first) : run_singly(p, base, job, mine, first);
+    const int full = run_singly(p, base, job, mine, first);
     watched = NULL;
 #if defined(__x86_64__)
     _mm_setcsr(mode);

@@ -20,8 +20,6 @@
  *                  Gauss-Newton products
  *   kalman.c       the extended Kalman filter of a model with process noise
  *   batch.c        many runs, handed out from a shared counter, and what a worker tells of its progress
- *   lanes.c        several runs at a time, for FMUs that carry their equations in this form (lanes.h)
- *   lanes.inc      their vector arithmetic, and
  *   kernels.inc    the vector loops, compiled for the baseline and for AVX2 by kernels.c
  *   confine.c      what a worker gives up before it loads a model */
 #ifndef AB_ENGINE_H
@@ -148,8 +146,6 @@ typedef struct {
     Experiment *experiments;
     Fmu *fmu;
     char load_error[512]; /* why the library could not be loaded */
-    struct Lanes *lanes;
-    int lanes_sought; /* whether it can have any was looked at */
     struct Run **runs; /* buffers of the last batch, one an experiment */
     int64_t runs_q, *runs_active;
 } Problem;
@@ -214,7 +210,6 @@ typedef struct Run {
     Problem *problem;
     Experiment *e;
     Fmu *fmu;
-    struct Lane *lane; /* whose run it is, where it is one of several */
     uint64_t values_hash; /* of its last parameter vector, 0 for none */
     const double *values; /* a parameter vector, or NULL for the model's own */
     int n, nz, status, mode, form;

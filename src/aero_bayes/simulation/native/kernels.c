@@ -1,23 +1,15 @@
-/* The vector loops, and the arithmetic of lanes (all of them, and the first half), for the processor at hand. */
+/* The vector loops for the processor at hand. */
 #include <float.h>
 
-#include "lanes.h"
+#include "engine.h"
 
 typedef double Four __attribute__((vector_size(32), aligned(8), may_alias));
 
 #define TARGET
 #define PART 2
 #define FN(name) base_##name
-#define USED WIDE
 #include "kernels.inc"
-#include "lanes.inc"
 #undef FN
-#undef USED
-#define FN(name) base_half_##name
-#define USED (WIDE / 2)
-#include "lanes.inc"
-#undef FN
-#undef USED
 #undef TARGET
 #undef PART
 
@@ -25,14 +17,7 @@ typedef double Four __attribute__((vector_size(32), aligned(8), may_alias));
 #define TARGET __attribute__((target("avx2,fma")))
 #define PART 4
 #define FN(name) wide_##name
-#define USED WIDE
 #include "kernels.inc"
-#include "lanes.inc"
-#undef FN
-#undef USED
-#define FN(name) wide_half_##name
-#define USED (WIDE / 2)
-#include "lanes.inc"
 #define HAVE_WIDE 1
 #endif
 
@@ -56,12 +41,4 @@ void kernels_choose(void)
 #ifdef HAVE_WIDE
     if (has_wide()) kernels = &wide_table;
 #endif
-}
-
-const LaneKernels *lane_kernels_for(int half)
-{
-#ifdef HAVE_WIDE
-    if (has_wide()) return half ? &wide_half_lane_table : &wide_lane_table;
-#endif
-    return half ? &base_half_lane_table : &base_lane_table;
 }

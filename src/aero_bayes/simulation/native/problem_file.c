@@ -4,7 +4,7 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
-#include "lanes.h"
+#include "engine.h"
 
 #define SPEC_MAGIC 0x414253504543000ALL
 
@@ -180,7 +180,6 @@ void problem_close(Problem *p)
 {
     if (!p) return;
     problem_close_runs(p);
-    lanes_close(p->lanes);
     for (Owned *block = p->owned, *next; block; block = next) {
         next = block->next;
         free(block);

@@ -7,7 +7,7 @@
  * The noise of one output is Gaussian: white plus an Ornstein-Uhlenbeck process, as a scalar innovations (Kalman) filter.
  * State space form of a first-order process: S. Sarkka, Bayesian Filtering and Smoothing (2013), ch. 4; on a uniform
  * grid the gain converges to its steady value, which the discrete Riccati equation gives in closed form. */
-#include "lanes.h"
+#include "engine.h"
 
 static void filter_begin(Filter *f, const double *noise, double spacing)
 {
@@ -225,7 +225,6 @@ int read_values(Run *r, double t, const double *x, double *y, int64_t stride)
 {
     Fmu *f = r->fmu;
     const Experiment *e = r->e;
-    if (r->lane) return lane_values(r, t, x, y, stride);
     int status = set_point(r, t, x);
     if (!is_error(status) && r->n_other)
         status = f->get_real(f->instance, r->other_reference, (size_t)r->n_other, r->other);
