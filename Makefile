@@ -30,7 +30,7 @@ OPTIONS = $(if $(MODEL),--model $(MODEL)) --seed $(SEED) $(if $(WORKERS),--worke
 SIMULATED := reports/simulated
 
 .DEFAULT_GOAL := all
-.PHONY: all help setup fleet fmu fit posterior loop design report replay check test test-all test-fast test-long test-platforms test-arm test-coverage lint size bench rig-trial fault-trial real-rigs real-trial coverage coverage-wrong results docs dist lock clean
+.PHONY: all help setup fleet fmu fit posterior loop design report replay check test test-all test-fast test-long test-platforms test-arm test-coverage lint size bench rig-trial fault-trial real-rigs real-trial coverage coverage-wrong results trust docs dist lock clean
 
 all: setup $(if $(DATA),,$(SIMULATED)/simulated.json) ## Modelica -> FMU -> PSO -> local search -> MCMC -> closed loop -> reports/report.html
 	$(RUN) all $(foreach f,$(or $(DATA),$(SIMULATED)/train_1.csv $(SIMULATED)/train_2.csv),--data $(f)) \
@@ -132,6 +132,9 @@ coverage-wrong: setup ## intervals where the model is wrong -> reports/coverage_
 
 results: setup ## docs/results.md and the table of README.md from the JSON of studies and bench in reports
 	$(BIN)/python studies/results.py --reports reports
+
+trust: ## docs/trust.md from what the tests noted (make test-all)
+	$(PYTHON) docs/trust.py docs/trust.md $(wildcard reports/tests.xml reports/tests_long.xml)
 
 fleet: setup ## a small simulated fleet on a local Dask cluster -> reports/fleet (resumable)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c requirements.lock -e '.[fleet]'

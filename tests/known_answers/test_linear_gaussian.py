@@ -84,11 +84,12 @@ def natural(points: np.ndarray) -> np.ndarray:
     return points * np.append(20.0 * PRIOR_SD, 1.0)
 
 
-def test_laplace_is_the_closed_form(case):
+def test_laplace_is_the_closed_form(case, trust):
     fit, _, exact = case
     size = natural(np.ones(4))
     mean, covariance = natural(fit.laplace.mean), fit.laplace.covariance * np.outer(size, size)
     sd = np.sqrt(np.diag(exact.covariance))
+    trust("laplace", np.max(np.abs(np.sqrt(np.diag(covariance))[:3] / sd - 1.0)))
     assert np.all(np.abs(mean[:3] - exact.mean) < 0.01 * sd)
     assert covariance[:3, :3] == pytest.approx(exact.covariance, rel=0.03, abs=0.03 * float(sd.min()) ** 2)
     assert abs(mean[3] - exact.noise_mean) < 0.2 * exact.noise_sd
@@ -105,7 +106,7 @@ def test_importance_sampling_is_the_closed_form(case):
     )
 
 
-def test_sampler_is_the_closed_form(case):
+def test_sampler_is_the_closed_form(case, trust):
     fit, simulator, exact = case
     proposal = WarpedStudentT.of(fit.laplace.mean, fit.laplace.covariance, 8.0)
     chain = run_chain(fit.joint_target(simulator), proposal, SampleSettings(ess=1500.0, max_minutes=15.0), seed=2)
@@ -114,6 +115,7 @@ def test_sampler_is_the_closed_form(case):
     sd = np.append(np.sqrt(np.diag(exact.covariance)), exact.noise_sd)
     ess = np.array([d.ess_bulk for d in chain.diagnoses])
     assert np.all(np.abs(points.mean(axis=0) - np.append(exact.mean, exact.noise_mean)) < 4.5 * sd / np.sqrt(ess))
+    trust("sampler", np.max(np.abs(points.std(axis=0) / sd - 1.0)))
     assert np.all(np.abs(points.std(axis=0) / sd - 1.0) < 4.5 / np.sqrt(ess))
     correlation = np.corrcoef(points[:, :3].T)
     expected = exact.covariance / np.outer(sd[:3], sd[:3])
