@@ -39,8 +39,8 @@ ROWS = {
         Row("FMUs from the standard library", "closed forms and recorded runs", "export/standard_library"),
     ),
     "Uncertainty": (
-        Row("Laplace's approximation", "closed form, linear model", "known_answers/linear_gaussian", "laplace", "of sd"),
-        Row("sampler, sd", "closed form, linear model", "known_answers/linear_gaussian", "sampler", "of sd"),
+        Row("Laplace's approximation", "closed form, linear model", "known_answers/linear_gaussian", "laplace", "sd"),
+        Row("sampler, sd", "closed form, linear model", "known_answers/linear_gaussian", "sampler", "sd"),
         Row("sampler, means (hare and lynx)", "Stan, as published", "known_answers/hare_lynx", "stan", "sd"),
         Row("ranks of the truth", "uniform, by simulation", "studies/coverage"),
     ),
