@@ -183,22 +183,13 @@ class LoopContext:
     statistics: LoopStatistics
     seed: int = 1
 
-    @property
-    def units(self) -> dict[str, str]:
-        """Units of the model's outputs."""
-        return {v.name: v.unit for v in self.family.base_model().outputs}
-
     def open(self, problem: Problem) -> Simulator:
         """A simulator on the loop's workers."""
         return open_simulator(problem, pool=self.pool)
 
-    def open_objective(self, calibration: Calibration) -> Objective:
-        """A calibration with a simulator of its own, which the caller closes."""
-        return self.objective(calibration, self.open(calibration.problem()))
-
-    def objective(self, calibration: Calibration, simulator: Simulator) -> Objective:
-        """A calibration on a simulator that is open; its simulations are counted."""
-        found = objective_of(calibration, simulator)
+    def objective(self, calibration: Calibration, simulator: Simulator | None = None) -> Objective:
+        """A calibration on a simulator, or on one of its own, which the caller closes; its simulations are counted."""
+        found = objective_of(calibration, simulator or self.open(calibration.problem()))
         found.outcomes = self.statistics.outcomes
         return found
 

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from aero_bayes.arrays import FloatArray
 from aero_bayes.errors import CannotFinishError
 from aero_bayes.estimate.laplace import MIN_BLOCK_READINGS, LinearisedFit, blocks_of_time
-from aero_bayes.estimate.local_fit import LocalFitSettings, local_fit
+from aero_bayes.estimate.local_fit import LocalFitSettings, Optimum, local_fit
 from aero_bayes.estimate.objective import Objective, Series
 from aero_bayes.loop.models import FittedModel
 
@@ -86,9 +86,11 @@ class Folds:
         squares = np.maximum(self.sums(residual) * noise**2, np.maximum(self.least, 1e-300))
         return float(np.sum(0.5 * np.log(squares)))
 
-    def on_fitted(self, fitted: FittedModel) -> float:
-        """Score of a fit on the readings that it was fitted to."""
-        return self.score(fitted.optimum.whitened.residual, fitted.noise)
+    def on_fitted(self, found: Optimum | None) -> float:
+        """Score of a fit on the readings that it was fitted to; infinite for none."""
+        if found is None:
+            return math.inf
+        return self.score(found.whitened.residual, np.array([found.noise[o].sd for o in self.outputs]))
 
     def moving(self, fitted: FittedModel) -> list[tuple[int, ...]]:
         """Places among the free columns of the parameters that are fitted again without each fold.

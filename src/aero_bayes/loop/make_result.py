@@ -172,7 +172,8 @@ def _outcome(
 ) -> tuple[LoopOutcome, str]:
     """How the loop ended, and why."""
     if ended.extended is not None:
-        told = [extended_sentence(context.family.places.base, ended.extended.effects, errors, context.units)]
+        units = {v.name: v.unit for v in context.family.base_model().outputs}
+        told = [extended_sentence(context.family.places.base, ended.extended.effects, errors, units)]
         return "extended", " ".join([*told, *_restrictions(context.settings)])
     structured = ended.search.structured(ended.decision.model)
     far = not structured and _far_off(context, ended.first, before)

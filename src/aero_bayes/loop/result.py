@@ -148,7 +148,6 @@ class LoopResult(HasPage):
         Experiments that would tell equivalent effects apart, and what was done, in sentences.
     simulations, failures : int
     seconds : mapping of str to float
-        By phase.
     added : tuple of Parameter
         New parameters, as they were searched.
     diagnosis : Diagnosis

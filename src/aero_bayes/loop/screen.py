@@ -81,7 +81,7 @@ class Screen:
         self.free = [parameters.index(names[j]) for j in optimum.free]
         self.response, self.noise = self.fitted.response, self.fitted.noise
         self.left = self.folds.sums(self.response.remaining)
-        self.here = self.folds.on_fitted(self.fitted)
+        self.here = self.folds.on_fitted(self.fitted.optimum)
 
     def run(self, known: Sequence[tuple[float, ...]] = ()) -> Screened:
         """Screen the term; ``known`` are values (SI) that it has in other fits.

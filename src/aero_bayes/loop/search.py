@@ -150,7 +150,7 @@ class Search:
 
     def found(self, terms: Terms, points: Iterable[FloatArray], how: tuple[int, float]) -> Optimum | None:
         """The best of the fits from some points."""
-        best = min(self.fits_from(terms, points, how), key=self.folds.on_fitted, default=None)
+        best = min(self.fits_from(terms, points, how), key=lambda f: self.folds.on_fitted(f.optimum), default=None)
         return None if best is None else best.optimum
 
     def at_values(self, terms: Terms, values: Mapping[str, float], on: Terms) -> list[FloatArray]:
@@ -165,7 +165,7 @@ class Search:
             model = self.models.of(terms) if optimum is not None else None
             if optimum is not None and model is not None:
                 fitted, known = FittedModel(model, terms, optimum), self.fits.get(terms)
-                ahead = known is None or self.folds.on_fitted(fitted) < self.folds.on_fitted(known)
+                ahead = known is None or self.folds.on_fitted(fitted.optimum) < self.folds.on_fitted(known.optimum)
                 off = set(fitted.off_terms) - set(self.library.required)
                 better |= {terms: fitted} if ahead and not off else {}
         works = [partial(self._row, fitted) for fitted in better.values()]
@@ -279,7 +279,7 @@ class Search:
     ) -> None:
         """Fit the terms that promise most beside a structure: some steps each, the best of them to the end."""
         promises = self.screen(parent, offered)
-        here, gains = self.folds.on_fitted(self.fits[parent]), {t: s.gain for t, s in promises.items()}
+        here, gains = self.folds.on_fitted(self.fits[parent].optimum), {t: s.gain for t, s in promises.items()}
         if len(offered) > 1:
             coarse = {t: gains.get(of, -math.inf) for t, of in self.library.refines.items()}
             finer = self.effort.declared and not parent
@@ -299,7 +299,7 @@ class Search:
         children = [_plus(parent, t) for t in order]
         works = [partial(self._brief, parent, t, promises[t].promises) for t in order]
         found = dict(zip(children, self._map(works), strict=True))
-        ends = sorted((k for k in children if found[k] is not None), key=lambda k: (self._score(found[k]), k))
+        ends = sorted((k for k in children if found[k] is not None), key=lambda k: (self.folds.on_fitted(found[k]), k))
         ends = ends if near is not None else ends[: self.effort.fitted[bool(parent)]]
         self.keep({k: found[k] for k in ends})
         kept = [k for k in ends[: self.effort.finished] if k in self.fits]
@@ -338,7 +338,7 @@ class Search:
         ]
         self.keep(dict(zip(swaps, self._map(works), strict=True)))
         if part in self.fits and len(part) + 1 == len(model):
-            self.extend(part, self.folds.on_fitted(self.fits[model]) - 2.0 * math.log(MATERIAL))
+            self.extend(part, self.folds.on_fitted(self.fits[model].optimum) - 2.0 * math.log(MATERIAL))
 
     def _known_swaps(self, model: Terms, part: Terms, values: Mapping[str, float]) -> dict[Terms, dict[str, float]]:
         """Structures that are tried beside a part whatever they promise, and SI values to begin from.
@@ -403,7 +403,7 @@ class Search:
         found = Screen(fitted, model, term, self.folds).run(values)
         declared = fitted.at_declared_values() if not parent and self.effort.beside_declared else None
         if declared is not None:
-            loss = self.folds.on_fitted(declared) - self.folds.on_fitted(fitted)
+            loss = self.folds.on_fitted(declared.optimum) - self.folds.on_fitted(fitted.optimum)
             there = Screen(declared, model, term, self.folds).run()
             moved = (replace(p, gain=p.gain - loss, kind=(DECLARED + p.kind[0], *p.kind[1:])) for p in there.promises)
             promises = (*found.promises, *moved)
@@ -420,10 +420,10 @@ class Search:
         points = points[::-1] or [p.point for p in promises[:1]]
         points = points[:MOST_STARTS] + ([] if parent else self._declared_points(child, term))
         ends = self.fits_from(child, points, BRIEF)
-        here = self.folds.on_fitted(start)
-        if all(self.folds.on_fitted(end) > here for end in ends):
+        here = self.folds.on_fitted(start.optimum)
+        if all(self.folds.on_fitted(end.optimum) > here for end in ends):
             ends += self.fits_from(child, self.at_values(child, start.values, parent), BRIEF)
-        end = min(ends, key=self.folds.on_fitted, default=None)
+        end = min(ends, key=lambda f: self.folds.on_fitted(f.optimum), default=None)
         return None if end is None else end.optimum
 
     def _declared_points(self, child: Terms, term: str) -> list[FloatArray]:
@@ -450,12 +450,6 @@ class Search:
         free = model.free(terms)
         point, _ = fit_progressive_horizon(model.objective, start, free, settings, self.source.open, known, self._stop)
         return self.found(terms, [point], WHOLE)
-
-    def _score(self, found: Optimum | None) -> float:
-        """Score of a fit that a task brought back, on the fitted readings."""
-        if found is None:
-            return math.inf
-        return self.folds.score(found.whitened.residual, np.array([found.noise[o].sd for o in self.folds.outputs]))
 
 
 def _tried(work: Callable[[], R]) -> R | None:
