@@ -331,11 +331,7 @@ class LoopResult(HasPage):
         """
         import pandas
 
-        rows = [
-            (step.round, rival.id, rival.port, rival.share, rival.id == step.chosen)
-            for step in self.steps
-            for rival in step.candidates
-        ]
+        rows = [(s.round, r.id, r.port, r.share, r.id == s.chosen) for s in self.steps for r in s.candidates]
         return pandas.DataFrame(rows, columns=["round", "candidate", "port", "share", "chosen"])
 
     def __repr__(self) -> str:
