@@ -115,6 +115,9 @@ class Fit(OtherTools, HasPage):
         RMS by which each output moves at ten times tighter tolerances of the solver, in its SI unit.
     solver_shift : mapping of str to float
         By how many of its standard deviations each free parameter moves with them, to first order.
+    rounding_shift : mapping of str to float
+        The same for widths over which the model rounds a corner, such as the change of sign of dry friction, if they
+        were zero; nothing where it has none.
     start_levels : tuple of float
         Log-posterior of the local fit from each start of the search, on fewer samples and under white noise.
     failed_intervals : mapping of str to str
@@ -176,6 +179,7 @@ class Fit(OtherTools, HasPage):
     modes: tuple[Mode, ...] = ()
     solver_difference: Mapping[str, float] = field(default_factory=dict)
     solver_shift: Mapping[str, float] = field(default_factory=dict)
+    rounding_shift: Mapping[str, float] = field(default_factory=dict)
     start_levels: tuple[float, ...] = ()
     trials: tuple[ValueTrial, ...] = ()
     failed_intervals: Mapping[str, str] = field(default_factory=dict)
