@@ -84,5 +84,32 @@ def test_the_truth_lies_in_intervals_that_know_of_the_rounding(declared: str, tm
         return
     assert all(inside.values())
     assert max(found.rounding_shift.values()) > 1.0
+    assert "rounding" in found["d"].note
     for name in ("d", "F_c"):
         assert found[name].q95 - found[name].q05 < 4.0 * abs(found[name].value - truth[name])
+
+
+def test_a_lag_that_is_kept_above_a_least_one_has_an_interval_that_knows(tmp_path: Path) -> None:
+    """The fitted lag is off by a closed form: ``(T^4 - T_min^4)^(1/4)`` where the truth is ``T``."""
+    (tmp_path / "Late.mo").write_text(
+        """model Late
+  parameter Real T(unit = "s", min = 0.01, max = 1) = 0.2;
+  constant Real T_min = 0.06;
+  input Real u;
+  output Real y(start = 0, fixed = true);
+equation
+  (T ^ 4 + T_min ^ 4) ^ 0.25 * der(y) = u - y;
+end Late;
+"""
+    )
+    time = np.arange(0.0, 2.0, 0.01)
+    readings = 1.0 - np.exp(-time / 0.1) + 1e-4 * np.random.default_rng(5).standard_normal(time.size)
+    recording = Recording("step", time, {"u": np.ones(time.size)}, {"y": readings}, {"time": "s"})
+    model = aero_bayes.load_model(tmp_path / "Late.mo")
+    lag = aero_bayes.fit(
+        recording, model, parameters=["T"], settings=aero_bayes.FitSettings(method="local"), workers=0
+    )["T"]
+    off = 0.1 - (0.1**4 - 0.06**4) ** 0.25
+    assert lag.value == pytest.approx(0.1 - off, abs=1e-4)
+    assert lag.q05 < 0.1 < lag.q95
+    assert lag.q95 - lag.q05 < 8.0 * off

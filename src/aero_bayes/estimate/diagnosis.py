@@ -362,13 +362,6 @@ def check_solver(fit: Fit, left: LeftOver) -> DiagnosisRow:
         )
     elif fit.solver_difference:
         what = f"{what} A ten times tighter tolerance moves no output by more than a tenth of its residual."
-    furthest = max(fit.rounding_shift, key=lambda name: fit.rounding_shift[name], default="")
-    if furthest and fit.rounding_shift[furthest] > MAX_SHIFT:
-        what = (
-            f"{what} Corners are rounded in the simulation, as where dry friction changes its sign: without that "
-            f"{furthest} would move by {fit.rounding_shift[furthest]:.2g} of its standard deviations. Intervals are "
-            "wider by as much."
-        )
     return DiagnosisRow("solver", False, what)
 
 

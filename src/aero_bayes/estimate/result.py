@@ -18,7 +18,7 @@ from aero_bayes.display import with_unit
 from aero_bayes.estimate.calibration import Calibration
 from aero_bayes.estimate.diagnosis import Diagnosis, diagnose
 from aero_bayes.estimate.global_search import StageReport
-from aero_bayes.estimate.identifiability import Estimate, Identifiability, estimates_html
+from aero_bayes.estimate.identifiability import ROUNDED, Estimate, Identifiability, estimates_html
 from aero_bayes.estimate.laplace import Laplace, band_factors, laplace_estimates
 from aero_bayes.estimate.levenberg_marquardt import FitSettings, Stop
 from aero_bayes.estimate.local_fit import Optimum
@@ -248,6 +248,8 @@ class Fit(OtherTools, HasPage):
         """Every parameter with its Laplace interval, the model's fixed ones included."""
         table = laplace_estimates(self.calibration, self.values, self.free, self.identifiability, self.laplace)
         wrong = {name: note for name, note in self.failed_intervals.items() if table[name].q05 is not None}
+        # An interval that is wider by this than by the noise says so.
+        table |= {n: table[n].with_note(ROUNDED) for n, s in self.rounding_shift.items() if s > 1.0 and table[n].sd}
         table |= {name: table[name].with_failed_interval(note) for name, note in wrong.items()}
         return table | chosen_estimates(self.trials)
 
@@ -265,7 +267,7 @@ class Fit(OtherTools, HasPage):
             left = f"{model.what[:1].lower()}{model.what[1:]}".removesuffix(".").replace("`", "")
             told = f"{name} does not explain the recordings: {left} ({model.where})."
         row = next((r for r in self.diagnosis if r.found and r.cause not in ("noise", "model")), None)
-        return told if row is None else f"{told} Look at the {row.cause} first: {row.sentence}"
+        return told if row is None else f"{told} What may come from the {row.cause}: {row.sentence}"
 
     @property
     def unidentified(self) -> tuple[str, ...]:

@@ -24,9 +24,9 @@ from aero_bayes.simulation.model import Model
 
 #: The tolerances of the second run, as a share of the problem's own.
 TIGHTER = 0.1
-#: The widths of roundings in the second run. What a rounding changes is proportional to its width, so that as much is
-#: left at half of it.
-SHARPER = 0.5
+#: The widths of roundings in the second run. What a rounding changes is proportional to its width, or to a higher power
+#: of it, so that a third as much is left at a quarter of it at most.
+SHARPER = 0.25
 #: By how much parameters move without a rounding, over by how much they do at ``SHARPER`` times its width.
 LEFT_OPEN = 1.0 / (1.0 - SHARPER)
 
@@ -34,9 +34,9 @@ LEFT_OPEN = 1.0 / (1.0 - SHARPER)
 def is_rounding(name: str) -> bool:
     """Return whether a constant is, by its name, a width over which a corner of a law is rounded.
 
-    Such are ``v_smooth`` and ``knee``."""
+    Such are ``v_smooth`` and ``knee``, and the ``T_min`` below which a delay is not taken as small as it is."""
     own = name.rpartition(".")[2]
-    return own.endswith("_smooth") or own == "knee"
+    return own.endswith("_smooth") or own in ("knee", "T_min")
 
 
 def sharpened(flat: FlatModel, taken: Collection[str] = ()) -> FlatModel | None:

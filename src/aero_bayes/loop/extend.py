@@ -13,6 +13,7 @@ import numpy as np
 from aero_bayes.arrays import FloatArray
 from aero_bayes.errors import CannotFinishError
 from aero_bayes.estimate.identifiability import Estimate
+from aero_bayes.estimate.input_noise import asked_again
 from aero_bayes.estimate.parameters import Parameter
 from aero_bayes.estimate.predict_recordings import Prediction
 from aero_bayes.estimate.residual_tests import ResidualReport, check_residuals
@@ -144,7 +145,9 @@ def extend(context: LoopContext, first: FirstFit, search: Search, decision: Deci
         again = refitted(context, calibration, si, like, hold_noise=True)
         fit = again if _lost(search, decision.model, again) < lost else fit
     sharper = sharper_model(model) if written is None else written.sharper
-    fit, calibration = with_simulation_error(fit, context.open, sharper), fit.calibration
+    started = {state for p in added for state in p.starts}
+    fit = asked_again(with_simulation_error(fit, context.open, sharper), started, context.open)
+    calibration = fit.calibration
     if written is not None:
         # The search's values are where the last fit began.
         fitted = {p.name: fit.parameters[p.name].value for p in added}

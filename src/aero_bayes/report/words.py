@@ -52,7 +52,7 @@ def title(result: RunJson, otherwise: str) -> str:
         return f"{model}: no missing effect was found" if left_over(loop.errors) else f"{model}: the model is adequate"
     found = [row.cause for row in result.diagnosis if row.found]
     if "model" in found:
-        return f"{model} misses something" if len(found) == 1 else f"{model}: look at the {found[0]} first"
+        return f"{model} misses something" if len(found) == 1 else f"{model}: the {found[0]} may explain what is left"
     return f"{model} explains the recordings" if result.diagnosis else f"{model}: {result.command or 'a run'}"
 
 
@@ -143,6 +143,12 @@ def checks_line(result: RunJson) -> str:
     told = [f"look at the {join_names(found)}"] if found else []
     told += [f"{join_names(fine)} {'is' if len(fine) == 1 else 'are'} in order"] if fine else []
     return f"Checks: {'; '.join(told)}." if told else ""
+
+
+def checks_told(result: RunJson, said: str) -> list[str]:
+    """Return what was found of each cause that the line of the checks names, as far as it was not ``said``."""
+    rows = (row for row in result.diagnosis if row.found and row.cause != "model")
+    return [_cause(row) for row in rows if row.what.removesuffix(".") not in said]
 
 
 #: Characters that not every terminal has.
