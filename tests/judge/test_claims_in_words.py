@@ -43,6 +43,12 @@ def test_a_law_whose_place_is_not_known_is_told_with_its_places() -> None:
     assert re.search(facts("a lag", "T or Q"), lacking([one]))
 
 
+def test_a_law_that_is_known_is_named_beside_one_that_is_not() -> None:
+    one, other = effect("law"), effect("one of", ("gain@Q", "Q", 1.02))
+    assert re.search(facts("a lag", "one more"), lacking([one, other]))
+    assert re.search(facts("two"), lacking([other, other]))
+
+
 def test_what_does_as_well_is_told_by_name_up_to_five() -> None:
     few = [(f"law{k}@T", "T", 1.05) for k in range(2)]
     many = [(f"law{k}@v", "v", 1.05) for k in range(6)]

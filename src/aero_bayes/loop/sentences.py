@@ -22,7 +22,10 @@ def lacking(effects: Sequence[Any]) -> str:
     asked = [e.id for e in effects if e.claim is None]
     found = [e for e in effects if e.claim is not None]
     if len(found) > 1 and any(e.claim == "one of" for e in found):
-        told = f"lacks {_number(len(found))} effects"
+        sure = [_what(e) for e in found if e.claim != "one of"]
+        count = len(found) - len(sure)
+        more = f"{_number(count)} {'more ' if sure else ''}{'effect' if count == 1 else 'effects'}"
+        told = f"lacks {join_names([*sure, more])}"
     else:
         told = f"lacks {join_names([_what(e) for e in found])}" if found else ""
     return " and ".join(filter(None, (told, f"has {join_names(asked)}, as required" if asked else "")))

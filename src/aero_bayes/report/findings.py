@@ -95,7 +95,7 @@ def _check(row: DiagnosisJson | None, *, advised: bool = True) -> Markup:
     found = Markup("").join(Markup("<p>{}</p>").format(sentence(text)) for text in row.more)
     return (
         Markup("{}<small>{} {}</small>").format(
-            sentence(row.what), sentence(row.where), sentence(row.done if advised else "")
+            sentence(row.what), sentence(f"{row.where}." if row.where else ""), sentence(row.done if advised else "")
         )
         + found
     )

@@ -94,7 +94,9 @@ def short_verdict(result: RunJson) -> str:
         return (result.verdict or verdict(result)).text
     other = any(error.role != "train" for error in loop.errors)
     where = "each recording, fitted or not" if other else "what was fitted; the rest is too short to judge"
-    left = [*left_over(loop.errors), *result.identifiability.flat] or [f"With it only noise is left in {where}."]
+    left = [*left_over(loop.errors), *result.identifiability.flat] or [
+        f"With {'it' if len(loop.effects) == 1 else 'them'} only noise is left in {where}."
+    ]
     return " ".join([*left, *loop.notes])
 
 
