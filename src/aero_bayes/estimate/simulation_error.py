@@ -13,6 +13,7 @@ from aero_bayes.errors import CannotFinishError, InputError
 from aero_bayes.estimate.calibration import Calibration
 from aero_bayes.estimate.local_fit import OpenSimulator
 from aero_bayes.estimate.noise_estimation import whiten
+from aero_bayes.estimate.objective import objective_of
 from aero_bayes.estimate.result import Fit
 from aero_bayes.modelica.embedded import export_flat
 from aero_bayes.modelica.flat import FlatModel
@@ -29,6 +30,8 @@ TIGHTER = 0.1
 SHARPER = 0.25
 #: By how much parameters move without a rounding, over by how much they do at ``SHARPER`` times its width.
 LEFT_OPEN = 1.0 / (1.0 - SHARPER)
+#: Steps of Gauss and Newton to the optimum with narrower roundings.
+NEWTON_STEPS = 3
 
 
 def is_rounding(name: str) -> bool:
@@ -72,7 +75,7 @@ def compiled_model(flat: FlatModel) -> Model:
 
 
 def with_simulation_error(fit: Fit, open_simulator: OpenSimulator, sharper: Model | None = None) -> Fit:
-    """Simulate the optimum with tighter tolerances and with narrower roundings, and compare outputs and parameters.
+    """Simulate the optimum with tighter tolerances, step to that with narrower roundings, and compare the parameters.
 
     Intervals are wider by as much as the parameters move: a simulation is no surer than that. The step counts as a
     standard deviation and is added in quadrature: an interval that is off by ``b`` standard deviations and wider by
@@ -93,8 +96,8 @@ def with_simulation_error(fit: Fit, open_simulator: OpenSimulator, sharper: Mode
     if not sizes:
         return replace(fit, solver_difference={}, solver_shift={}, rounding_shift={})
     steps = [_moved_parameters(fit, moved)]
-    if (narrow := _narrower(calibration, sharper)) is not None:
-        steps.append(LEFT_OPEN * _moved_parameters(fit, _moved_outputs(fit, narrow, open_simulator)))
+    if (narrow := _narrower(exact, sharper)) is not None:
+        steps.append(LEFT_OPEN * (_refitted_step(fit, narrow, open_simulator) - steps[0]))
     count, covariance = len(steps[0]), fit.laplace.covariance.copy()
     sd = np.maximum(fit.laplace.sd[:count], 1e-300)
     shifts = [dict(zip(fit.laplace.names, np.abs(step / sd).tolist(), strict=False)) for step in steps]
@@ -124,6 +127,32 @@ def _moved_outputs(fit: Fit, other: Calibration, open_simulator: OpenSimulator) 
             if runs.outcomes[0, e] == Outcome.OK:
                 moved[e] = found[0] - fitted
     return moved
+
+
+def _refitted_step(fit: Fit, narrow: Calibration, open_simulator: OpenSimulator) -> FloatArray:
+    """Return by how much each free parameter moves, in search coordinates, to the optimum of another calibration.
+
+    A first step is far off where a parameter moves by a tenth, so that a few follow, as long as they lead upwards."""
+    best = -np.inf
+    free, point = list(fit.free), fit.optimum.coordinates.copy()
+    parameters = fit.calibration.parameters
+    low, high = parameters.box
+    # where a search ended early, its own slope is no rounding's
+    slope = fit.optimum.whitened.score + parameters.prior_derivatives(point)[0][free]
+    with suppress(CannotFinishError, InputError), open_simulator(narrow.problem()) as simulator:
+        objective = objective_of(narrow, simulator)
+        for _ in range(NEWTON_STEPS if free else 0):
+            if (found := objective.evaluate(point, free)) is None:
+                break
+            white = objective.whiten(found, fit.optimum.noise)
+            if white.log_likelihood < best:
+                break
+            best = white.log_likelihood
+            first, second = parameters.prior_derivatives(point)
+            information = white.information + parameters.prior_curvature(second, free)
+            point[free] += np.linalg.lstsq(information, white.score + first[free] - slope, rcond=1e-12)[0]
+            point = np.clip(point, low, high)
+    return np.asarray(point[free] - fit.optimum.coordinates[free])
 
 
 def _moved_parameters(fit: Fit, moved: list[FloatArray]) -> FloatArray:
