@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 import pytest
@@ -12,6 +13,10 @@ from scipy.interpolate import CubicSpline
 import aero_bayes
 from aero_bayes import FitSettings
 from aero_bayes.data import Recording
+from aero_bayes.data.find_table import DataFinding
+from aero_bayes.estimate.input_noise import asked_again
+from aero_bayes.estimate.other_reading import told_fit
+from aero_bayes.simulation import open_simulator
 
 pytestmark = pytest.mark.fast
 
@@ -66,3 +71,20 @@ def test_a_quiet_meter_is_not_blamed_for_a_missing_effect(exported: Callable[[st
         fit, found = told(driven(2, noise, cubic=300.0), exported(CART))
         assert fit.diagnosis["model"].found
         assert ("noise", "F") not in found
+
+
+def test_an_extended_fit_is_asked_again(exported: Callable[[str], aero_bayes.Model]) -> None:
+    """What was found of a first fit does not stand for one that leaves something else."""
+    noisy, _ = told(driven(1, 0.8), exported(CART))
+    again = asked_again(noisy, (), partial(open_simulator, workers=0))
+    assert [f.kind for f in again.calibration.data.recordings[0].findings] == ["noise"]
+    quiet, found = told(driven(1, 0.0), exported(CART))
+    start = DataFinding("value", "run", "v", "v starts elsewhere", "run", "Estimate it.", False)
+    held = told_fit(told_fit(quiet, start), noisy.calibration.data.recordings[0].findings[0])
+
+    def left(*started: str) -> list[tuple[str, str]]:
+        again = asked_again(held, started, partial(open_simulator, workers=0))
+        return [(f.kind, f.signal) for f in again.calibration.data.recordings[0].findings]
+
+    assert left() == [("value", "v"), *found]
+    assert left("v") == found

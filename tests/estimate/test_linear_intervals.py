@@ -39,6 +39,7 @@ def test_where_the_model_bends_within_the_interval_it_is_told() -> None:
     found = bent(3, 0.25)
     assert "b" in found.failed_intervals
     assert "interval" in found.parameters["b"].note
+    assert found.parameters["b"].status == "weak"  # identified would deny the note
     assert "interval" in found.summary()
 
 

@@ -27,10 +27,26 @@ def test_nothing_else_does_as_well_only_where_the_list_is_empty() -> None:
     assert re.search(facts("lag_of_second_order@T", "more parameters"), told)
 
 
+def test_a_list_that_has_smaller_errors_is_told_so() -> None:
+    law = claimed(effect("law", ("lag_of_second_order@T", "T", 0.93)), "lag@T")
+    assert re.search(facts("lag_of_second_order@T", "7 % smaller"), law)
+    assert "smaller" not in claimed(effect("law", ("lag_of_second_order@T", "T", 1.03)), "lag@T")
+    both = claimed(effect("one of", ("lag@Q", "Q", 0.9), ("gain@Q", "Q", 1.02)), "lag@T")
+    assert re.search(facts("10 % smaller", "2 % larger"), both)
+    alike = claimed(effect("one of", ("lag@Q", "Q", 0.97), ("gain@Q", "Q", 0.97)), "lag@T")
+    assert re.search(facts("3 % smaller"), alike)
+
+
 def test_a_law_whose_place_is_not_known_is_told_with_its_places() -> None:
     one = effect("mechanism", ("lag@Q", "Q", 1.1))
     assert re.search(facts("lag@Q", "10 %", "T or Q"), claimed(one, "lag@T"))
     assert re.search(facts("a lag", "T or Q"), lacking([one]))
+
+
+def test_a_law_that_is_known_is_named_beside_one_that_is_not() -> None:
+    one, other = effect("law"), effect("one of", ("gain@Q", "Q", 1.02))
+    assert re.search(facts("a lag", "one more"), lacking([one, other]))
+    assert re.search(facts("two"), lacking([other, other]))
 
 
 def test_what_does_as_well_is_told_by_name_up_to_five() -> None:

@@ -72,3 +72,19 @@ def test_a_start_is_that_of_its_state_where_a_law_acts_on_the_reading(tmp_path):
     assert {moved.target.state, *moved.starts, same.target.state} <= names
     assert moved.target.state == moved.starts[0] == "T_unread"
     assert same == wall
+
+
+def test_the_written_model_has_the_fitted_values_and_the_start_in_its_difference(tmp_path):
+    (tmp_path / "Room.mo").write_text(ROOM, encoding="utf-8")
+    family = ModelicaFamily(LawPlaces("Room", (tmp_path / "Room.mo",)), tmp_path / "fmu")
+    found = fit(
+        [heated("a", 11, 2.0)], family.base_model(), parameters=["C_a"], settings=FitSettings("local"), workers=0
+    )
+    family.prepare(found.calibration, found.optimum, open_simulator)
+    extended = family.extend(["lag@Q"], {}, tmp_path / "out")
+    name = next(new for pairs in extended.names.values() for _, new in pairs if "start" not in new)
+    written = extended.with_values({name: 125.0}, {"T_w": 2.0})
+    added = [line for line in written.diff.splitlines() if line.startswith("+")]
+    assert written.path.read_text(encoding="utf-8") == written.text
+    assert any(f" {name}(" in line and "= 125.0 " in line for line in added)
+    assert any("T_w(" in line and "start = 2.0" in line for line in added)

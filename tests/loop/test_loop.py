@@ -48,6 +48,7 @@ def test_friction_is_found_written_and_judged(fmus, tmp_path):
     source = (tmp_path / "OneDof_pivot_coulomb_friction.mo").read_text()
     assert "extends Aero.Systems.OneDof" in source
     assert source == found.modelica
+    assert f" = {float(f'{parameter.value:.6g}')!r} " in source  # as fitted, not as searched
     assert found.predicted_after.test["test", "theta"].rms < 1.05 * 2e-3
     assert found.predicted_before.test["test", "theta"].rms > 2.0 * found.predicted_after.test["test", "theta"].rms
     assert found.effects[0].port == "body"

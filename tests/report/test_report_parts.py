@@ -15,10 +15,11 @@ import pytest
 from aero_bayes.estimate.noise import autocorrelation
 from aero_bayes.report import words
 from aero_bayes.report.drawing import Line, Panel, band_envelope, column_means, data_table, draw, envelope, nice_ticks
-from aero_bayes.report.findings import _beside_noise
+from aero_bayes.report.findings import _beside_noise, _changed, checks_table
 from aero_bayes.report.page import BITS, pack_series
 from aero_bayes.report.pairs import most_correlated
-from aero_bayes.report.schema_run import EffectJson, RecordingErrorJson
+from aero_bayes.report.schema_estimate import DiagnosisJson
+from aero_bayes.report.schema_run import EffectJson, RecordingErrorJson, RunJson
 from aero_bayes.report.svg import Canvas
 from aero_bayes.report.tables import html_table, parameter_table
 from aero_bayes.report.text import duration, pretty_unit, rounded_value, sentence, signed, significant, symbol, tidy
@@ -197,9 +198,27 @@ def test_symbols_and_code() -> None:
     assert sentence("a ` b") == "a ` b"
 
 
+def test_a_value_many_times_larger_is_told_as_a_factor() -> None:
+    assert _changed(40.0, 25313.0).startswith("633")
+    assert "%" not in _changed(-2.0, -9.0)
+    assert _changed(2.0, 1.0) == "−50.0\u00a0%"
+    assert "%" in _changed(-2.0, 9.0)  # no factor leads from one sign to the other
+
+
+def test_a_check_that_the_page_names_has_its_row() -> None:
+    """The long sentence of a loop has it, too, but the page's head does not."""
+    row = {"cause": "data", "found": True, "what": "u was read with noise", "where": "in r", "done": "Measure better."}
+    result = RunJson.model_construct(diagnosis=[DiagnosisJson.model_validate(row)], loop=None)
+    assert "u was read with noise" in checks_table(result, "With it only noise is left.")
+    assert "data" in words.checks_line(result)
+    assert words.checks_told(result, "") == ["Data: u was read with noise (in r). Measure better."]
+    assert words.checks_told(result, "Data: u was read with noise (in r).") == []
+
+
 def test_tables_escape_what_is_not_markup_and_numbers_stand_right() -> None:
     table = html_table(("name", "size", "unit"), [("<b>", "−3.1", "1/s"), ("ok", None, "m")], "a & b", marked=(1,))
-    assert re.findall('<td class="(.*?)">', table) == ["right", "left"] * 2
+    assert re.findall('<td data-of="(.*?)" class="(.*?)">', table)[0] == ("size", "right")
+    assert re.findall('<td [^>]*class="(.*?)">', table) == ["right", "left"] * 2
     assert html_table(("name",), []) == ""
     assert "&lt;b&gt;" in table
     assert "<b>" not in table

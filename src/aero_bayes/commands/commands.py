@@ -309,7 +309,9 @@ def _finish(
     result = merge(*parts, {"command": command, "seconds": time.perf_counter() - began})
     store(fit, out)
     page, told = write_page(job, result, series)
-    for line in (words.verdict(told).text, "", *parameter_lines(told.parameters), "", words.checks_line(told)):
+    verdict = words.verdict(told).text
+    rows = words.checks_told(told, verdict)
+    for line in (verdict, "", *parameter_lines(told.parameters), "", words.checks_line(told), *rows):
         click.echo(words.plain(line))
     if result.get("fit", {}).get("values"):
         click.echo(trials_sentence([ValueTrial(**row) for row in result["fit"]["values"]]))

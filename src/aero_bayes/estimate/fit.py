@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping, Sequence, Sized
-from contextlib import ExitStack, suppress
+from contextlib import ExitStack
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -13,7 +13,6 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from aero_bayes.arguments import require_all, require_type
-from aero_bayes.arrays import FloatArray
 from aero_bayes.checkpoint import Checkpoint
 from aero_bayes.data.recording import Recording
 from aero_bayes.declared import DeclaredParameter
@@ -31,7 +30,7 @@ from aero_bayes.estimate.levenberg_marquardt import FitSettings
 from aero_bayes.estimate.local_fit import OpenSimulator, Optimum
 from aero_bayes.estimate.misread import with_misread_finding
 from aero_bayes.estimate.modes import Mode, find_modes, likelihood_temperature
-from aero_bayes.estimate.noise_estimation import describe_sensors, whiten
+from aero_bayes.estimate.noise_estimation import describe_sensors
 from aero_bayes.estimate.objective import objective_of
 from aero_bayes.estimate.other_tools import ValueTrial
 from aero_bayes.estimate.outliers import choose_spreads, is_correlated, refit_with_spread, without_outliers
@@ -39,6 +38,7 @@ from aero_bayes.estimate.parameters import ChosenParameters, ParameterSet, Param
 from aero_bayes.estimate.priors import LogNormal
 from aero_bayes.estimate.result import Fit
 from aero_bayes.estimate.simulate import choose_interpolation
+from aero_bayes.estimate.simulation_error import sharper_model, with_simulation_error
 from aero_bayes.progress import Progress, Watched, watching
 from aero_bayes.simulation.interface import Outcome, Problem, Simulator
 from aero_bayes.simulation.model import Model
@@ -64,60 +64,6 @@ def _override(name: str, start: float, known: DeclaredParameter) -> ParameterSpe
         prior = LogNormal.factor(median, known.factor)
     low, high = min(start, prior.median), max(start, prior.median)
     return ParameterSpec(start, low / known.reach, high * known.reach, prior, "log", known.auto)
-
-
-#: The tolerances of the second run, as a share of the problem's own.
-TIGHTER = 0.1
-
-
-def with_solver_difference(fit: Fit, open_simulator: OpenSimulator) -> Fit:
-    """Simulate the optimum at a tenth of the problem's tolerances, and compare outputs and parameters with the fit.
-
-    Intervals are as much wider as the parameters move: a solver is no surer than that."""
-    calibration = fit.calibration
-    if calibration.process is not None:
-        return fit
-    usual = calibration.solver
-    relative, absolute = TIGHTER * usual.relative_tolerance, TIGHTER * usual.absolute_tolerance
-    solver = replace(usual, relative_tolerance=relative, absolute_tolerance=absolute)
-    exact = replace(calibration, solver=solver)
-    moved = [np.zeros_like(y) for y in fit.fitted]
-    with suppress(CannotFinishError), open_simulator(exact.problem()) as simulator:
-        runs = simulator.simulate(fit.values[np.newaxis])
-        for e, (tight, fitted) in enumerate(zip(runs.outputs, fit.fitted, strict=True)):
-            moved[e] = tight[0] - fitted if runs.outcomes[0, e] == Outcome.OK else np.full_like(fitted, np.nan)
-    sizes = {}
-    for k, output in enumerate(calibration.data.outputs):
-        rows = np.concatenate([y[:, k] for y in moved])
-        if np.isfinite(rows).any():
-            sizes[output] = float(np.sqrt(np.nanmean(rows**2)))
-    if not sizes:
-        return replace(fit, solver_difference={}, solver_shift={})
-    step = _moved_parameters(fit, moved)
-    count, covariance = len(step), fit.laplace.covariance.copy()
-    sd = np.maximum(fit.laplace.sd[:count], 1e-300)
-    shift = dict(zip(fit.laplace.names, np.abs(step / sd).tolist(), strict=False))
-    covariance[:count, :count] += np.outer(step, step)
-    wider = replace(fit.laplace, covariance=covariance)
-    return replace(fit, solver_difference=sizes, solver_shift=shift, laplace=wider)
-
-
-def _moved_parameters(fit: Fit, moved: list[FloatArray]) -> FloatArray:
-    """Return by how much each free parameter moves, in search coordinates, where the outputs do by ``moved`` (n, m).
-
-    To first order: one step of Gauss and Newton from the optimum."""
-    white = np.concatenate(
-        [
-            whiten(
-                np.nan_to_num(moved[s.experiment][s.sampling.index, s.column])[np.newaxis],
-                s.sampling,
-                fit.optimum.noise[s.output],
-            )[0][0]
-            for s in fit.series
-        ]
-    )
-    covariance = fit.optimum.laplace(fit.calibration.parameters)[0]
-    return np.asarray(covariance @ (fit.optimum.whitened.slopes @ white))
 
 
 #: How often a fit is repeated without its outliers: the first one is drawn by them, so that it may not see all.
@@ -238,7 +184,7 @@ class _Request:
         """Fit, and ask what else than the model may be behind what is left."""
         found, opened, watched = self.alone(recordings), self.opened, self.progress
         here = partial(opened, workers=0)  # one run needs no workers
-        found = with_held_beside(with_solver_difference(found, here), here)
+        found = with_held_beside(with_simulation_error(found, here, sharper_model(found.calibration.model)), here)
         if watched.asked_to_end:
             return found
         local, problem = replace(self.settings, method="local"), found.calibration

@@ -31,6 +31,8 @@ MIN_MOVE = 0.005
 
 #: Why a parameter has no interval whose derivative is none.
 NO_DERIVATIVE = "no interval: the model switches, and its differences over a small step and a large one do not agree"
+#: Note of a parameter whose interval a rounding makes.
+ROUNDED = "interval made by a rounding in the model, as of friction at rest"
 #: Note of a parameter that a known fault of the data moves.
 BIASED = "the noise of an input biases it: its interval holds for an input without"
 #: Notes of an interval without an upper and without a lower end, to be filled with ``(q05, q95, lower, upper)``.
@@ -363,13 +365,18 @@ class Estimate:
         no = None, None, None, None
         return cls(name, value, *no, unit, Status.FIXED, description, note=note, recording=recording)
 
+    def with_note(self, note: str) -> Estimate:
+        """Return the estimate with one more note."""
+        return replace(self, note="; ".join(filter(None, (self.note, note))))
+
     def with_failed_interval(self, note: str) -> Estimate:
         """Return the estimate with what is wrong with its interval, which it loses where it has none or one end."""
         ends = (f"{end:.4g}" for end in (self.q05, self.q95, self.lower, self.upper) if end is not None)
-        told = "; ".join(filter(None, (self.note, note.format(*ends) if note in OPEN_ENDS else note)))
+        told = self.with_note(note.format(*ends) if note in OPEN_ENDS else note).note
+        # One status, which no note beside it denies.
+        status = Status.WEAK if self.status is Status.IDENTIFIED else self.status
         if note != NO_DERIVATIVE and note not in OPEN_ENDS:
-            return replace(self, note=told, status=Status.WEAK if note == BIASED else self.status)
-        status = Status.WEAK if note in OPEN_ENDS else self.status
+            return replace(self, note=told, status=status)
         return replace(self, status=status, note=told, sd=None, q05=None, q50=None, q95=None)
 
     def __float__(self) -> float:

@@ -5,6 +5,7 @@ the fit; the responses of all samples add up in their squares. An input that tru
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import replace
 from functools import partial
 
@@ -48,6 +49,22 @@ def with_input_noise(fit: Fit, open_simulator: OpenSimulator) -> Fit:
             if (sd := known.get(series.experiment)) and (size := _as_large(fit, k, name, changes[k] * sd / pulse)):
                 return _told(fit, recordings[series.experiment], name, sd, series.output, size)
     return fit
+
+
+def asked_again(fit: Fit, started: Collection[str], open_simulator: OpenSimulator) -> Fit:
+    """Return an extended model's fit without what was found of the first one's residual and holds no longer.
+
+    That is a wrong start of a state that is now ``started``; the noise of an input is held against what is left."""
+    data = fit.calibration.data
+
+    def holds(f: DataFinding) -> bool:
+        return f.kind != "noise" and (f.kind != "value" or f.signal not in started)
+
+    kept = tuple(replace(r, findings=tuple(filter(holds, r.findings))) for r in data.recordings)
+    if kept == data.recordings:
+        return fit
+    fit = replace(fit, calibration=replace(fit.calibration, data=replace(data, recordings=kept)))
+    return with_input_noise(fit, open_simulator)
 
 
 def _noise_of(recording: Recording, name: str) -> float | None:

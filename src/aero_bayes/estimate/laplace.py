@@ -371,6 +371,10 @@ def _note(status: Status, free: bool, name: str, identifiability: Identifiabilit
     together = (m for d in identifiability.flat if name in d.members for m in d.members)
     if fixed := [m for m in dict.fromkeys(together) if identifiability.status[m] is Status.AT_BOUND]:
         return f"the interval holds with {join_names(fixed)} on its bound only"
+    if status is Status.WEAK:
+        others = [m for d in identifiability.flat if name in d.members for m in d.members if m != name]
+        share = f"its interval is {100.0 * identifiability.ratio[name]:.0f} % as wide as the prior's"
+        return f"seen only together with {join_names(list(dict.fromkeys(others)))}" if others else share
     return ""
 
 

@@ -18,7 +18,7 @@ from aero_bayes.display import with_unit
 from aero_bayes.estimate.calibration import Calibration
 from aero_bayes.estimate.diagnosis import Diagnosis, diagnose
 from aero_bayes.estimate.global_search import StageReport
-from aero_bayes.estimate.identifiability import Estimate, Identifiability, estimates_html
+from aero_bayes.estimate.identifiability import ROUNDED, Estimate, Identifiability, estimates_html
 from aero_bayes.estimate.laplace import Laplace, band_factors, laplace_estimates
 from aero_bayes.estimate.levenberg_marquardt import FitSettings, Stop
 from aero_bayes.estimate.local_fit import Optimum
@@ -115,6 +115,9 @@ class Fit(OtherTools, HasPage):
         RMS by which each output moves at ten times tighter tolerances of the solver, in its SI unit.
     solver_shift : mapping of str to float
         By how many of its standard deviations each free parameter moves with them, to first order.
+    rounding_shift : mapping of str to float
+        The same for widths over which the model rounds a corner, such as the change of sign of dry friction, if they
+        were zero; nothing where it has none.
     start_levels : tuple of float
         Log-posterior of the local fit from each start of the search, on fewer samples and under white noise.
     failed_intervals : mapping of str to str
@@ -176,6 +179,7 @@ class Fit(OtherTools, HasPage):
     modes: tuple[Mode, ...] = ()
     solver_difference: Mapping[str, float] = field(default_factory=dict)
     solver_shift: Mapping[str, float] = field(default_factory=dict)
+    rounding_shift: Mapping[str, float] = field(default_factory=dict)
     start_levels: tuple[float, ...] = ()
     trials: tuple[ValueTrial, ...] = ()
     failed_intervals: Mapping[str, str] = field(default_factory=dict)
@@ -244,6 +248,8 @@ class Fit(OtherTools, HasPage):
         """Every parameter with its Laplace interval, the model's fixed ones included."""
         table = laplace_estimates(self.calibration, self.values, self.free, self.identifiability, self.laplace)
         wrong = {name: note for name, note in self.failed_intervals.items() if table[name].q05 is not None}
+        # An interval that is wider by this than by the noise says so.
+        table |= {n: table[n].with_note(ROUNDED) for n, s in self.rounding_shift.items() if s > 1.0 and table[n].sd}
         table |= {name: table[name].with_failed_interval(note) for name, note in wrong.items()}
         return table | chosen_estimates(self.trials)
 
@@ -261,7 +267,7 @@ class Fit(OtherTools, HasPage):
             left = f"{model.what[:1].lower()}{model.what[1:]}".removesuffix(".").replace("`", "")
             told = f"{name} does not explain the recordings: {left} ({model.where})."
         row = next((r for r in self.diagnosis if r.found and r.cause not in ("noise", "model")), None)
-        return told if row is None else f"{told} Look at the {row.cause} first: {row.sentence}"
+        return told if row is None else f"{told} What may come from the {row.cause}: {row.sentence}"
 
     @property
     def unidentified(self) -> tuple[str, ...]:

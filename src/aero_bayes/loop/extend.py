@@ -11,13 +11,14 @@ from typing import Literal
 import numpy as np
 
 from aero_bayes.errors import CannotFinishError
-from aero_bayes.estimate.fit import with_solver_difference
 from aero_bayes.estimate.identifiability import Estimate
+from aero_bayes.estimate.input_noise import asked_again
 from aero_bayes.estimate.parameters import Parameter
 from aero_bayes.estimate.predict_recordings import Prediction
 from aero_bayes.estimate.residual_tests import ResidualReport, check_residuals
 from aero_bayes.estimate.result import Fit
 from aero_bayes.estimate.simulate import MIN_LOG_LIKELIHOOD_GAIN, with_interpolation
+from aero_bayes.estimate.simulation_error import sharper_model, with_simulation_error
 from aero_bayes.loop.decide import ClaimKind, Decision
 from aero_bayes.loop.first_fit import SEARCHED, FirstFit, LoopContext, refitted
 from aero_bayes.loop.search import Search
@@ -130,7 +131,15 @@ def extend(context: LoopContext, first: FirstFit, search: Search, decision: Deci
         like = replace(first.fit.optimum, free=free, noise=best.optimum.noise)
         again = refitted(context, calibration, si, like, hold_noise=True)
         fit = again if _lost(search, decision.model, again) < lost else fit
-    fit, calibration = with_solver_difference(fit, context.open), fit.calibration
+    sharper = sharper_model(model) if written is None else written.sharper
+    started = {state for p in added for state in p.starts}
+    fit = asked_again(with_simulation_error(fit, context.open, sharper), started, context.open)
+    calibration = fit.calibration
+    if written is not None:
+        # The search's values are where the last fit began.
+        fitted = {p.name: fit.parameters[p.name].value for p in added}
+        starts = {state: fitted[p.name] for p in added for state in p.starts}
+        written = written.with_values(fitted, starts)
     reports = check_residuals(calibration, fit.series, fit.optimum, first.floors)
     after = context.predictor.predict(calibration, fit.optimum)
     widths = written.widths if written is not None else {}

@@ -141,7 +141,7 @@ def result_of(context: LoopContext, ended: Ended, cause: DiagnosisRow | None) ->
     text, name, diff = (written.text, written.path.name, written.diff) if written is not None else ("", "", "")
     outcome, sentence = _outcome(context, ended, predicted, errors)
     steps, notes = ended.steps, tuple(filter(None, (early_end_sentence(context, search.ended),)))
-    data = next((row for row in first.fit.diagnosis if row.cause == "data" and row.found), None)
+    data = next((row for row in after.diagnosis if row.cause == "data" and row.found), None)
     sentence = " ".join([sentence, *left_over(errors), *notes, *([f"Data: {data.sentence}"] if data else [])])
     if cause is not None:
         sentence = f"{cause.cause.capitalize()}: {cause.sentence} No missing effect was looked for in what this leaves."

@@ -21,7 +21,10 @@ def lacking(effects: Sequence[Any]) -> str:
     asked = [e.id for e in effects if e.claim is None]
     found = [e for e in effects if e.claim is not None]
     if len(found) > 1 and any(e.claim == "one of" for e in found):
-        told = f"lacks {_number(len(found))} effects"
+        sure = [_what(e) for e in found if e.claim != "one of"]
+        count = len(found) - len(sure)
+        more = f"{_number(count)} {'more ' if sure else ''}{'effect' if count == 1 else 'effects'}"
+        told = f"lacks {join_names([*sure, more])}"
     else:
         told = f"lacks {join_names([_what(e) for e in found])}" if found else ""
     return " and ".join(filter(None, (told, f"has {join_names(asked)}, as required" if asked else "")))
@@ -75,7 +78,7 @@ def claimed(effect: Any, name: str, others: str = "") -> str:
         return ""
     if effect.claim == "law":
         if known:
-            forms = f"the same law with more parameters or as a curve does ({others or _listed(known)})"
+            forms = f"the same law with more parameters or as a curve does ({others or _listed(known)}){_less(known)}"
             return f"No other law that was tried does as well as {name}; {forms}."
         return f"Nothing else that was tried does as well as {name}."
     late = "" if effect.tried_all else "What else may be in its place was not all tried for lack of time."
@@ -104,12 +107,22 @@ def _listed(known: Sequence[Any]) -> str:
 
 def _how_near(others: Sequence[Any]) -> str:
     """Say how much worse than the chosen term the worst of those predicts that the data do not tell from it."""
-    them = "it" if len(others) == 1 else "them"
-    worst = max((one.error_ratio or 1.0) - 1.0 for one in others)
-    if worst < 0.01:
-        return f"with {them} the error on left-out and validation readings is the same"
-    most = "" if len(others) == 1 else "at most "
-    return f"with {them} the error on left-out and validation readings is {most}{100.0 * worst:.0f} % larger"
+    them, changes = "it" if len(others) == 1 else "them", [(one.error_ratio or 1.0) - 1.0 for one in others]
+    least, most = _change(min(changes)), _change(max(changes))
+    told = f"from {least} to {most}" if "smaller" in least else f"at most {most}"
+    return f"with {them} the error on left-out and validation readings is {most if least == most else told}"
+
+
+def _change(change: float) -> str:
+    """Return by how much an error is larger or smaller, in whole per cent."""
+    size = f"{100.0 * abs(change):.0f}"
+    return f"{size} % {'larger' if change > 0.0 else 'smaller'}" if size != "0" else "the same"
+
+
+def _less(known: Sequence[Any]) -> str:
+    """Say how much smaller the error is with finer forms of a law, which are not chosen for that."""
+    least = _change(min((one.error_ratio or 1.0) - 1.0 for one in known))
+    return f", with an error up to {least}, too little for more parameters" if "smaller" in least else ""
 
 
 def extended_sentence(base: str, effects: Sequence[Any], errors: Sequence[Any], units: Mapping[str, str]) -> str:

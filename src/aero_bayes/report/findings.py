@@ -22,6 +22,8 @@ from aero_bayes.report.text import (
 )
 from aero_bayes.simulation.interface import NORMAL_HALF_WIDTH
 
+#: Ratio of two values that is told as such: 300 % more is harder to read than four times.
+MIN_TIMES = 4.0
 #: Above this, ensembles do not agree.
 R_HAT_LIMIT = 1.01
 
@@ -40,15 +42,14 @@ def errors_table(result: RunJson) -> Markup:
         )
         rows.append((
             Markup("{}<small>{}</small>").format(name, role_words(error.role)), symbol(error.output),
-            *(significant(x) for x in sizes), noise, pretty_unit(result.unit(error.output)), _beside_noise(error),
+            status_pill(error.verdict), *(significant(x) for x in sizes), noise,
+            pretty_unit(result.unit(error.output)), _beside_noise(error),
             ratio_glyph(ratios[0] if both else None, ratios[-1]), probability(error.p_value),
-            status_pill(error.verdict),
         ))  # fmt: skip
     columns = (
-        "recording", "output", *(("before", "after") if both else ("error",)),
+        "recording", "output", "what is left", *(("before", "after") if both else ("error",)),
         "noise", "unit", "ratio",
         "noise │ ○ before  ● after" if both else "noise │ error", "p (white)",
-        "what is left",
     )  # fmt: skip
     return html_table(columns, rows, "RMS error of each recording")
 
@@ -82,16 +83,22 @@ def checks_table(result: RunJson, told: str) -> Markup:
         was = before.get(row.cause)
         said = row.cause == "model" or (row.what.removesuffix(".") in told and not row.more)
         if not said and (row.found or (was is not None and was.found)):
-            rows.append((row.cause, *(_check(found) for found in ([was] if before else []) + [row])))
+            over = was is not None and not row.found  # nothing is left to be done
+            rows.append((row.cause, *([_check(was, advised=not over)] if before else []), _check(row)))
     heads = ("before", "after") if before else ("what was found",)
     return html_table(("cause", *heads), rows, "What the checks found")
 
 
-def _check(row: DiagnosisJson | None) -> Markup:
+def _check(row: DiagnosisJson | None, *, advised: bool = True) -> Markup:
     if row is None:
         return Markup(NO_VALUE)
     found = Markup("").join(Markup("<p>{}</p>").format(sentence(text)) for text in row.more)
-    return Markup("{}<small>{} {}</small>").format(sentence(row.what), sentence(row.where), sentence(row.done)) + found
+    return (
+        Markup("{}<small>{} {}</small>").format(
+            sentence(row.what), sentence(f"{row.where}." if row.where else ""), sentence(row.done if advised else "")
+        )
+        + found
+    )
 
 
 def shifts_table(result: RunJson) -> Markup:
@@ -100,15 +107,22 @@ def shifts_table(result: RunJson) -> Markup:
     for name, moved in loop.shifts.items() if loop is not None and loop.effects else ():
         now = result.parameters.get(name) or _spread(moved.after, moved.after_sd)
         drawn = intervals_glyph(name, [_spread(moved.before, moved.before_sd), now], ("warm", "accent"))
-        change = NO_VALUE
-        if moved.before and moved.after is not None:
-            change = f"{signed(100 * (moved.after - moved.before) / abs(moved.before), 1)}\u00a0%"
+        change = _changed(moved.before, moved.after)
         about = Markup("{}<small>{}</small>").format(symbol(name), now.description)
         rows.append((about, drawn, change, significant(moved.in_sd, 2)))
     heads = ("parameter", "before (upper line), after (lower line)", "change",
              "in combined standard deviations")  # fmt: skip
     caption = "How far the parameters moved: 90 % intervals, a scale for each row"
     return html_table(heads, rows, caption)
+
+
+def _changed(before: float | None, after: float | None) -> str:
+    """Return a change in per cent, or as a factor where a value is several times what it was."""
+    if not before or after is None:
+        return NO_VALUE
+    if after / before >= MIN_TIMES:
+        return f"{significant(after / before, 3)}\u00a0times"
+    return f"{signed(100 * (after - before) / abs(before), 1)}\u00a0%"
 
 
 def _spread(value: float | None, sd: float | None) -> QuantilesJson:

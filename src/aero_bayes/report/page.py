@@ -162,7 +162,7 @@ def _context(run: RunDirectory) -> dict[str, Any]:
         opening += [title, curves.scene_plate(run, scene)]
     if line := words.checks_line(result):
         opening.append(Markup('<p class="checks">{}</p>').format(line))
-    if table := findings.checks_table(result, verdict.text):
+    if table := findings.checks_table(result, words.short_verdict(result)):
         opening.append(Markup('<div class="diagnosis">{}</div>').format(table))
     return {
         "title": words.title(result, run.path.name), "legend": (), "simulated": result.simulated,

@@ -22,7 +22,7 @@ from aero_bayes.report.text import (
 
 _STATUS_WORDS = {
     "identified": "the data determine it",
-    "weak": "the data add little to the prior, show it only together with another value, or bias it",
+    "weak": "it is biased, its interval is not reliable, or little of it is known without the prior or another value",
     "unidentified": "the data do not determine it",
     "fixed": "not fitted",
     "at_bound": "the best value lies on a bound of its range",
@@ -51,17 +51,21 @@ def html_table(
     for index, row in enumerate(rows):
         cells = Markup("")
         for k, (align, cell) in enumerate(zip(aligned, row, strict=True)):
-            tag, scope = ("td", "") if k else ("th", Markup(' scope="row"'))
+            tag, named = "td", Markup(' data-of="{}"').format(Markup(columns[k]).striptags())
+            if not k:
+                tag, named = "th", Markup(' scope="row"')
             shown = NO_VALUE if cell is None else cell
-            cells += Markup('<{0}{1} class="{2}">{3}</{0}>').format(tag, scope, align, shown)
+            cells += Markup('<{0}{1} class="{2}">{3}</{0}>').format(tag, named, align, shown)
         body += Markup('<tr class="marked">{}</tr>' if index in marked else "<tr>{}</tr>").format(cells)
     top = Markup("<thead><tr>{}</tr></thead>").format(head) if any(columns) else Markup("")
     title = Markup("<caption>{}</caption>").format(caption) if caption else Markup("")
     return Markup(
-        '<div class="scroll" tabindex="0" role="region" aria-label="{}"><table>{}{}<tbody>{}</tbody></table></div>'
-    ).format(caption or "table", title, top, body)
+        '<div class="scroll{}" tabindex="0" role="region" aria-label="{}"><table>{}{}<tbody>{}</tbody></table></div>'
+    ).format(" wide" if len(columns) > MOST_COLUMNS else "", caption or "table", title, top, body)
 
 
+#: Columns that a phone shows side by side; of a table with more, the cells of a row stand below each other.
+MOST_COLUMNS = 3
 #: How a cell begins that holds a number.
 _NUMBER = re.compile(r"\s*([<+−]?\s?\d[\d.\u202f]*(?=$|[\s%×…])|–\s*$)")
 

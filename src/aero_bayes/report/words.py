@@ -53,7 +53,7 @@ def title(result: RunJson, otherwise: str) -> str:
         return f"{model}: no missing effect was found" if left_over(loop.errors) else f"{model}: the model is adequate"
     found = [row.cause for row in result.diagnosis if row.found]
     if "model" in found:
-        return f"{model} misses something" if len(found) == 1 else f"{model}: look at the {found[0]} first"
+        return f"{model} misses something" if len(found) == 1 else f"{model}: the {found[0]} may explain what is left"
     return f"{model} explains the recordings" if result.diagnosis else f"{model}: {result.command or 'a run'}"
 
 
@@ -95,7 +95,9 @@ def short_verdict(result: RunJson) -> str:
         return (result.verdict or verdict(result)).text
     other = any(error.role != "train" for error in loop.errors)
     where = "each recording, fitted or not" if other else "what was fitted; the rest is too short to judge"
-    left = [*left_over(loop.errors), *result.identifiability.flat] or [f"With it only noise is left in {where}."]
+    left = [*left_over(loop.errors), *result.identifiability.flat] or [
+        f"With {'it' if len(loop.effects) == 1 else 'them'} only noise is left in {where}."
+    ]
     return " ".join([*left, *loop.notes])
 
 
@@ -144,6 +146,12 @@ def checks_line(result: RunJson) -> str:
     told = [f"look at the {join_names(found)}"] if found else []
     told += [f"{join_names(fine)} {'is' if len(fine) == 1 else 'are'} in order"] if fine else []
     return f"Checks: {'; '.join(told)}." if told else ""
+
+
+def checks_told(result: RunJson, said: str) -> list[str]:
+    """Return what was found of each cause that the line of the checks names, as far as it was not ``said``."""
+    rows = (row for row in result.diagnosis if row.found and row.cause != "model")
+    return [_cause(row) for row in rows if row.what.removesuffix(".") not in said]
 
 
 #: Characters that not every terminal has.

@@ -17,7 +17,6 @@ from aero_bayes.estimate.measured_data import MeasuredData
 from aero_bayes.files import write_whole
 from aero_bayes.modelica.build import write_archive
 from aero_bayes.modelica.compose import add_input, add_output
-from aero_bayes.modelica.edits import unified_diff
 from aero_bayes.modelica.embedded import export_flat
 from aero_bayes.modelica.flat import FlatModel
 from aero_bayes.modelica.syntax import Name, Number
@@ -422,6 +421,9 @@ class FmuFamily(ModelicaFamily):
     def _with(self, placed_laws: Sequence[PlacedLaw]) -> Model:
         return self._attached(placed_laws)
 
+    def _sharper(self, placed_laws: Sequence[PlacedLaw], model: Model) -> Model | None:
+        return None  # what is inside an FMU is not known
+
     def _write(
         self, placed_laws: Sequence[PlacedLaw], values: Mapping[str, float], folder: Path
     ) -> tuple[WrittenModel, Model]:
@@ -439,9 +441,8 @@ class FmuFamily(ModelicaFamily):
         couple(attached(self._opened(), placed_laws, self.blocks), folder / f"{name}.fmu")
         write_ssp(self.places.inner, laws, coupling, values, folder / f"{name}.ssp")
         before = wrapper_text(self.places.inner, none, (), values, name)
-        return WrittenModel(
-            name, path, text, unified_diff(before, text, f"{self.places.title}.mo", path.name)
-        ), Model.load(folder / f"{name}.fmu")
+        written = WrittenModel(name, path, text, before, f"{self.places.title}.mo")
+        return written, Model.load(folder / f"{name}.fmu")
 
     def _states_there(self, base: Model, model: Model) -> Mapping[str, str]:
         """Return names in a coupled model of states that are outputs, which may have others there."""

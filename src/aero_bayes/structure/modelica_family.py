@@ -19,6 +19,7 @@ from aero_bayes.estimate.calibration import Calibration
 from aero_bayes.estimate.local_fit import Optimum
 from aero_bayes.estimate.parameters import Parameter, ParameterSet
 from aero_bayes.estimate.priors import LogUniform, Normal
+from aero_bayes.estimate.simulation_error import sharpened
 from aero_bayes.modelica.embedded import export_flat
 from aero_bayes.modelica.flat import FlatModel
 from aero_bayes.modelica.library import declared_members
@@ -94,9 +95,10 @@ class ModelWithCandidates:
 
 @dataclass(frozen=True, eq=False)
 class ExtendedModel(WrittenModel):
-    """A model with effects, written as Modelica and exported."""
+    """A model with effects, written as Modelica and exported; ``sharper`` is the same with narrower roundings."""
 
     model: Model
+    sharper: Model | None
     parameters: tuple[Parameter, ...]
     names: Mapping[str, tuple[tuple[str, str], ...]]
     widths: Mapping[str, Mapping[str, float]]
@@ -324,13 +326,21 @@ class ModelicaFamily:
     def _with(self, placed_laws: Sequence[PlacedLaw]) -> Model:
         with suppress(AlgebraicLoopError):
             return self._attached(placed_laws)
+        return self._export(self._composed(placed_laws), "candidates")
+
+    def _composed(self, placed_laws: Sequence[PlacedLaw]) -> FlatModel:
+        """Return the flat model with laws, all compiled together."""
         inside, others = split_by_replaceable(placed_laws)
         flat = self._redeclared(inside)
-        if others:
-            if inside:
-                others = at_same_ports(others, ports_with_laws(flat, self.places.laws))
-            flat = compose_laws(flat, others, self.places.law_models)
-        return self._export(flat, "candidates")
+        if inside and others:
+            others = at_same_ports(others, ports_with_laws(flat, self.places.laws))
+        return compose_laws(flat, others, self.places.law_models) if others else flat
+
+    def _sharper(self, placed_laws: Sequence[PlacedLaw], model: Model) -> Model | None:
+        """Return the simulated model with narrower roundings; None where it has none that are constants."""
+        flat = self._composed([placed for placed in placed_laws if not placed.moved_input])
+        narrow = sharpened(flat, [v.name for v in model.parameters])
+        return self._export(narrow, "sharper") if narrow is not None else None
 
     def _redeclared(self, placed_laws: Sequence[PlacedLaw]) -> FlatModel:
         """Return the model with laws in its replaceable models."""
@@ -396,10 +406,13 @@ class ModelicaFamily:
         written, model = self._write(placed_laws, values, folder)
         if any(placed.moved_input for placed in placed_laws):
             model = self._simulated(placed_laws)
+        sharper = self._sharper(placed_laws, model)
         firsts = [placed for placed in placed_laws if not placed.is_twin]
         parameters = tuple(p for placed in firsts for p in fitted_parameters(placed))
         widths = {u.id: u.law.widths for u in firsts}
-        return ExtendedModel(**vars(written), model=model, parameters=parameters, names=names, widths=widths)
+        return ExtendedModel(
+            **vars(written), model=model, sharper=sharper, parameters=parameters, names=names, widths=widths
+        )
 
     def _write(
         self, placed_laws: Sequence[PlacedLaw], values: Mapping[str, float], folder: Path

@@ -6,15 +6,17 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
+from typing import Self
 
 from aero_bayes.errors import InputError
 from aero_bayes.files import write_whole
+from aero_bayes.modelica.class_reader import read_classes
 from aero_bayes.modelica.classes import ClassText, ComponentDeclaration, SourceStatement
 from aero_bayes.modelica.compose import ACTING_SUFFIX, TRUE_SUFFIX
-from aero_bayes.modelica.edits import TextEdit, insert_before_connector, text_of, unified_diff
+from aero_bayes.modelica.edits import TextEdit, apply_edits, insert_before_connector, text_of, unified_diff
 from aero_bayes.modelica.flat import FlatModel, element_names
 from aero_bayes.modelica.library import rig_packages
-from aero_bayes.modelica.parse import find_outside, split_outside, tokenize, words_of
+from aero_bayes.modelica.parse import Token, find_outside, split_outside, tokenize, words_of
 from aero_bayes.modelica.sources import SourceFile, Sources, modelica_files, read_file, read_modelica_text
 from aero_bayes.modelica.syntax import parse_reference
 from aero_bayes.structure.aliases import AliasStructure, alias_structure
@@ -307,14 +309,37 @@ def reserved_names(flat: FlatModel, sources: Sequence[Path]) -> set[str]:
 
 @dataclass(frozen=True)
 class WrittenModel:
-    """A written model: its name, file and text, and the unified diff from the class of the user.
+    """A written model: its name, file and text, and the text of the class of the user with its name.
 
     To export it, give the sources of the original and ``path``."""
 
     name: str
     path: Path
     text: str
-    diff: str
+    before: str
+    before_name: str
+
+    @property
+    def diff(self) -> str:
+        """The unified diff from the class of the user."""
+        return unified_diff(self.before, self.text, self.before_name, self.path.name)
+
+    def with_values(self, values: Mapping[str, float], starts: Mapping[str, float]) -> Self:
+        """Return the model with other values of parameters, and starts of states, that its class declares."""
+        edits = []
+        for c in (c for cls in read_classes(self.text) if cls.name == self.name for c in cls.components()):
+            if c.name in values and "parameter" in c.prefixes:
+                edits += _valued(c.binding, values[c.name])
+            elif c.name in starts:
+                edits += _valued(dict(c.modifiers).get("start", ()), starts[c.name])
+        text = apply_edits(self.text, edits)
+        write_whole(self.path, text)
+        return replace(self, text=text)
+
+
+def _valued(given: Sequence[Token], value: float) -> list[TextEdit]:
+    """Return the edit that puts a number with the digits of a fit in place of an expression."""
+    return [TextEdit(given[0].start, given[-1].end, f"{float(f'{value:.6g}')!r}")] if given else []
 
 
 def write_laws(
@@ -341,7 +366,7 @@ def write_laws(
     path = Path(out_dir) / f"{title}.mo"
     path.parent.mkdir(parents=True, exist_ok=True)
     write_whole(path, text)
-    return WrittenModel(title, path, text, unified_diff(before, text, old, path.name))
+    return WrittenModel(title, path, text, before, old)
 
 
 def can_be_written(sources: Sequence[Path], model: str, flat: FlatModel, placed: PlacedLaw) -> bool:
