@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -30,10 +31,15 @@ def initial_level(values: FloatArray, time: FloatArray, floor: float) -> Initial
     seen = np.flatnonzero(np.isfinite(values))[: WINDOW_LENGTHS[-1]]
     if not seen.size:
         return None
-    y, t = values[seen], time[seen] - time[0]
+    return _least_error(values[seen].tobytes(), (time[seen] - time[0]).tobytes(), floor)
+
+
+@lru_cache(maxsize=256)  # each structure of a search starts at the same readings
+def _least_error(values: bytes, times: bytes, floor: float) -> InitialLevel:
+    y, t = np.frombuffer(values), np.frombuffer(times)
     best, error = float(y[0]), floor**2
     for n in WINDOW_LENGTHS:
-        if n > seen.size:
+        if n > y.size:
             break
         found = [_extrapolated(y[:n], t[:n], degree, floor) for degree in range(min(MAX_DEGREE + 2, n))]
         for (level, variance, fits), (further, doubt, _) in pairwise(found):

@@ -245,8 +245,10 @@ class WorkerPool(ClosedAtExit):
         before = self._first.get(model, outcomes[:0])
 
         def hopeless() -> bool:
+            if before.size == MAX_LOST_RUNS and not _all_lost(before):
+                return False
             first = self._first[model] = np.concatenate((before, outcomes[outcomes != TODO]))[:MAX_LOST_RUNS]
-            lost = first.size == MAX_LOST_RUNS and bool(np.all(np.isin(first, (Outcome.TIMED_OUT, Outcome.CRASHED))))
+            lost = first.size == MAX_LOST_RUNS and _all_lost(first)
             if lost:
                 outcomes[outcomes == TODO] = first[-1]
             return lost
@@ -268,6 +270,10 @@ class WorkerPool(ClosedAtExit):
             if ended == worker_main.NOT_LOADED:
                 raise LoadError(self._engine.ab_load_error(problem).decode(errors="replace"))
             outcomes[self.group.slots[0, 0]] = Outcome.MODEL_ERROR  # no other process is there to instantiate it in
+
+
+def _all_lost(outcomes: NDArray[np.uint8]) -> bool:
+    return set(outcomes.tolist()) <= {Outcome.TIMED_OUT, Outcome.CRASHED}
 
 
 def _stop_all(workers: list[WorkerProcess | None], owner: int) -> None:
