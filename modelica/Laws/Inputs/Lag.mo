@@ -5,7 +5,7 @@ model Lag "An actuator that follows its input late"
   parameter Real start_z(min = -10 * u_n, max = 10 * u_n, nominal = u_n) = 0 "Where it is at the start, beyond the input there";
   Real z(nominal = u_n) "Input after the lag";
 protected
-  final parameter Real T_min = 1e-2 * t_n "Lag below which it is taken to first order";
+  final parameter Real T_min = 1e-3 * t_n "Lag below which it is taken to first order";
   parameter Real T = if T_l > 0 then (T_l ^ 4 + T_min ^ 4) ^ 0.25 else 1e6 * t_n "Time constant in use; without one nothing moves";
 initial equation
   z = u + start_z;

@@ -7,7 +7,7 @@ model LagOfSecondOrder "An actuator that follows its input late and may overshoo
   Real z(nominal = u_n) "Quantity after the lag";
   Real w(start = 0, fixed = true, nominal = u_n) "Its rate of change in units of its time";
 protected
-  final parameter Real T_min = 1e-2 * t_n "Lag below which it is taken to first order";
+  final parameter Real T_min = 1e-3 * t_n "Lag below which it is taken to first order";
   parameter Real T = if T_l > 0 then (T_l ^ 4 + T_min ^ 4) ^ 0.25 else 1e6 * t_n "Time in use; without one nothing moves";
 initial equation
   z = u + start_z;

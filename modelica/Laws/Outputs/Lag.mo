@@ -4,7 +4,7 @@ model Lag "A reading that follows as a first-order lag"
   parameter Real T_l(min = 0, max = 10 * t_n, nominal = 0.1 * t_n) = 0 "Time constant";
   Real q(start = 0, fixed = true, nominal = u_n) "Rate of change of the reading in units of its time";
 protected
-  final parameter Real T_min = 1e-2 * t_n "Lag below which it is taken to first order";
+  final parameter Real T_min = 1e-3 * t_n "Lag below which it is taken to first order";
   parameter Real T = if T_l > 0 then (T_l ^ 4 + T_min ^ 4) ^ 0.25 else 1e6 * t_n "Time constant in use; without one nothing moves";
 equation
   T * der(q) = (if T_l > 0 then T else 0) * der(u) - q;

@@ -6,7 +6,7 @@ model LagOfSecondOrder "A reading that follows late and may overshoot"
   Real e(start = 0, fixed = true, nominal = u_n) "How far the reading is behind";
   Real w(start = 0, fixed = true, nominal = u_n) "Rate of change of the reading in units of its time";
 protected
-  final parameter Real T_min = 1e-2 * t_n "Lag below which it is taken to first order";
+  final parameter Real T_min = 1e-3 * t_n "Lag below which it is taken to first order";
   parameter Real T = if T_l > 0 then (T_l ^ 4 + T_min ^ 4) ^ 0.25 else 1e6 * t_n "Time in use; without one nothing moves";
 equation
   T * der(e) = (if T_l > 0 then T else 0) * der(u) - w;

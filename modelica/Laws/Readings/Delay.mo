@@ -7,7 +7,7 @@ model Delay "A reading that comes late"
   Real r(start = 0, fixed = true, nominal = 40 * u_n) "That of w";
   Real s(start = 0, fixed = true, nominal = 260 * u_n) "That of r";
 protected
-  final parameter Real T_min = 2e-2 * t_n "Delay below which the shape of the approximation is kept";
+  final parameter Real T_min = 2e-3 * t_n "Delay below which the shape of the approximation is kept";
   parameter Real T = if T_d > 0 then (T_d ^ 4 + T_min ^ 4) ^ 0.25 else 1e6 * t_n "Delay in use; without one nothing moves";
 initial equation
   z = u;
