@@ -135,7 +135,7 @@ def test_an_interval_that_is_not_even_is_written_by_its_ends_everywhere() -> Non
     effect = EffectJson.model_validate(
         {"id": "law@v", "port": "v", "kind": "catalogue", "parameters": {"v_s": told, "v_b": held}}
     )
-    text = words.values(effect)
+    text = words.values(effect, {})
     assert "±" not in text
     low, high = (float(x) for x in re.search(r"\(([\d.]+) to ([\d.]+)\)", text).groups())
     assert (low, high) == (0.001, 0.089)

@@ -78,8 +78,8 @@ def claimed(effect: Any, name: str, others: str = "") -> str:
         return ""
     if effect.claim == "law":
         if known:
-            forms = f"the same law with more parameters or as a curve does ({others or _listed(known)}){_less(known)}"
-            return f"No other law that was tried does as well as {name}; {forms}."
+            near = f"the same law with more parameters or as a curve comes near ({others or _listed(known)})"
+            return f"No other law that was tried does as well as {name}; only {near}{_less(known)}."
         return f"Nothing else that was tried does as well as {name}."
     late = "" if effect.tried_all else "What else may be in its place was not all tried for lack of time."
     if len(known) > MAX_TOLD and effect.claim == "one of":

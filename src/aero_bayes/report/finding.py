@@ -45,7 +45,8 @@ def finding(result: RunJson) -> Finding | None:
     named = [_named(e) for e in effects] or [Markup('<p class="named">{}</p>').format(nothing)]
     equations = changed_equations(loop)
     frame = Markup('<pre tabindex="0" role="region" aria-label="Equations with the added term">{}</pre>')
-    missing = [*named, frame.format(equations) if equations else "", *map(words.values, effects)]
+    sizes = [words.values(e, result.parameters) for e in effects]
+    missing = [*named, frame.format(equations) if equations else "", *sizes]
     bars = [_bars(result, error) for error in _shown(loop)]
     known = [*bars, *(cross_validated(e, name or e.id, beside(effects, e)) for e in effects)]
     known += [f"{text[:1].upper()}{text[1:]}." for text in (growing(loop.errors, units) if effects else [])]
@@ -137,7 +138,7 @@ def provenance(result: RunJson) -> list[Markup]:
         tables.append(html_table(heads, files, "Data"))
     if result.recordings:
         used = [
-            (row.name, role_words(row.role), count(row.rows), duration(row.duration_s), _signals(row.inputs),
+            (row.name, _roles(result, row.name), count(row.rows), duration(row.duration_s), _signals(row.inputs),
              _signals(row.outputs))
             for row in result.recordings
         ]  # fmt: skip
@@ -154,6 +155,12 @@ def provenance(result: RunJson) -> list[Markup]:
             rows = [(key.replace("_", " ") if node is model else key, _exact(value)) for key, value in node.items()]
             tables.append(html_table(("", ""), rows, title))
     return tables
+
+
+def _roles(result: RunJson, recording: str) -> str:
+    """Return the role of a recording, or those of its parts."""
+    parts = [role_words(p.role) for p in (result.loop.parts if result.loop else ()) if p.recording == recording]
+    return " and ".join(dict.fromkeys(parts)) or role_words(result.role(recording))
 
 
 def _signals(names: Sequence[str]) -> Markup:

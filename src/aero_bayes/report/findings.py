@@ -79,7 +79,7 @@ def checks_table(result: RunJson, told: str) -> Markup:
     extended = result.loop is not None and bool(result.loop.effects)
     before = {row.cause: row for row in (result.loop.diagnosis_before if result.loop and extended else [])}
     rows: list[tuple[object, ...]] = []
-    for row in result.diagnosis:
+    for row in result.checks:
         was = before.get(row.cause)
         said = row.cause == "model" or (row.what.removesuffix(".") in told and not row.more)
         if not said and (row.found or (was is not None and was.found)):

@@ -337,6 +337,14 @@ class RunJson(JsonTable):
         """Return the description of a signal in the model."""
         return self.signals[signal].description if signal in self.signals else ""
 
+    @property
+    def checks(self) -> list[DiagnosisJson]:
+        """The causes that were looked at; a loop's search that ended early is found in that of the search."""
+        if self.loop is None or not self.loop.notes:
+            return self.diagnosis
+        early = DiagnosisJson(cause="search", found=True, what=" ".join(self.loop.notes))
+        return [early if row.cause == "search" and not row.found else row for row in self.diagnosis]
+
     def role(self, recording: str) -> str:
         """Return ``train``, ``validation`` or ``test``; empty for a recording that the run does not know."""
         return next((row.role for row in self.recordings if row.name == recording), "")

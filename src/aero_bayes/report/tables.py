@@ -28,7 +28,7 @@ _STATUS_WORDS = {
     "at_bound": "the best value lies on a bound of its range",
     "adequate": "the residual is noise",
     "structured": "the residual is more than noise",
-    "noise": "only noise is left",
+    "noise": "only noise is left: no correlation above 0.1",
     "too large": "more than 1.3 times the noise",
 }
 _RANKS = {status: rank for rank, status in enumerate(("identified", "weak", "at_bound", "unidentified", "fixed"))}

@@ -5,10 +5,12 @@ Names of signals, parameters and effects stand in backquotes: the page sets them
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 from aero_bayes.display import join_names
 from aero_bayes.estimate.error_sentences import left_over
 from aero_bayes.loop.sentences import lacking
-from aero_bayes.report.schema_estimate import DiagnosisJson, VerdictJson
+from aero_bayes.report.schema_estimate import DiagnosisJson, ParameterJson, VerdictJson
 from aero_bayes.report.schema_run import EffectJson, LimitJson, LoopJson, RunJson
 from aero_bayes.report.tables import parameter_quantity
 from aero_bayes.report.text import pretty_unit, significant
@@ -57,9 +59,12 @@ def title(result: RunJson, otherwise: str) -> str:
     return f"{model} explains the recordings" if result.diagnosis else f"{model}: {result.command or 'a run'}"
 
 
-def values(effect: EffectJson) -> str:
-    """Return the values of an effect's parameters, each with its 90 % interval as the table of parameters has it."""
-    found = [(name, stated, *parameter_quantity(stated)) for name, stated in effect.parameters.items()]
+def values(effect: EffectJson, known: Mapping[str, ParameterJson]) -> str:
+    """Return the values of an effect's parameters, each with its 90 % interval as the table of parameters has it.
+
+    ``known`` are those of the table, which are the posterior's, where there is one."""
+    own = {name: known.get(name, stated) for name, stated in effect.parameters.items()}
+    found = [(name, stated, *parameter_quantity(stated)) for name, stated in own.items()]
     texts = []
     for name, stated, shown, sure in found:
         interval = f" ({shown.low} to {shown.high})" if sure else ""
@@ -141,7 +146,7 @@ def _cause(row: DiagnosisJson) -> str:
 
 def checks_line(result: RunJson) -> str:
     """Return one line: the state of each cause but the model that may be behind a residual of what was fitted."""
-    causes = [row for row in result.diagnosis if row.cause != "model"]
+    causes = [row for row in result.checks if row.cause != "model"]
     found, fine = ([row.cause for row in causes if row.found is seen] for seen in (True, False))
     told = [f"look at the {join_names(found)}"] if found else []
     told += [f"{join_names(fine)} {'is' if len(fine) == 1 else 'are'} in order"] if fine else []
@@ -150,7 +155,7 @@ def checks_line(result: RunJson) -> str:
 
 def checks_told(result: RunJson, said: str) -> list[str]:
     """Return what was found of each cause that the line of the checks names, as far as it was not ``said``."""
-    rows = (row for row in result.diagnosis if row.found and row.cause != "model")
+    rows = (row for row in result.checks if row.found and row.cause != "model")
     return [_cause(row) for row in rows if row.what.removesuffix(".") not in said]
 
 
