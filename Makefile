@@ -102,6 +102,7 @@ size: ## lines by room; fails above the limits in pyproject.toml
 
 lint: size $(VENV)/.tested ## size, ruff, mypy, and the import contract where import-linter can be had
 	$(BIN)/ruff check . && $(BIN)/ruff format --check . && $(BIN)/mypy
+	@! find tests -name 'test_*.py' -printf '%f: a name of two test files\n' | sort | uniq -d | grep .
 	-@$(BIN)/python -m pip install --quiet --disable-pip-version-check 'import-linter>=2' 2>/dev/null
 	if [ -x $(BIN)/lint-imports ]; then $(BIN)/lint-imports --no-cache; else echo "import-linter is not here: layers were not checked"; fi
 
