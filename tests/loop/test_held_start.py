@@ -88,3 +88,42 @@ def test_the_written_model_has_the_fitted_values_and_the_start_in_its_difference
     assert written.path.read_text(encoding="utf-8") == written.text
     assert any(f" {name}(" in line and "= 125.0 " in line for line in added)
     assert any("T_w(" in line and "start = 2.0" in line for line in added)
+
+
+DRIVE = """model Drive
+  parameter Real T(unit = "s", min = 0) = 1;
+  parameter Real K(min = 0) = 1;
+  input Real u(unit = "V");
+  output Real y(unit = "V", start = 0, fixed = true);
+equation
+  T*der(y) = K*u - y;
+end Drive;
+"""
+
+
+def late(name: str, seed: int, start: float) -> Recording:
+    """Behind a filter of 0.4 s, which holds something else than the first input when a recording begins."""
+    u = np.repeat(np.random.default_rng(seed).uniform(-1.0, 1.0, 20), 20)
+
+    def slope(x, level):
+        return np.array([(level - x[0]) / 0.4, (1.5 * x[0] - x[1]) / 0.8])
+
+    read = held(slope, np.array([start, 0.0]), u, 0.05, 8)[:, 1]
+    return Recording(
+        name, 0.05 * np.arange(u.size), {"u": u},
+        {"y": read + 0.003 * np.random.default_rng(seed + 1000).normal(size=u.size)},
+    )  # fmt: skip
+
+
+def test_the_start_of_a_laws_state_has_a_value_in_each_recording(tmp_path):
+    (tmp_path / "Drive.mo").write_text(DRIVE, encoding="utf-8")
+    settings = LoopSettings(parameters=("T", "K"), laws=("lag", "gain", "offset"), max_effects=1)
+    training = [late("a", 21, 2.0), late("b", 22, -1.5)]
+    result = close_loop(training, [late("c", 23, 1.0)], model=tmp_path / "Drive.mo", settings=settings, workers=0)
+    assert [effect.id for effect in result.effects] == ["lag@u"]
+    (time,) = (p for p in result.effects[0].parameters if p.name == "T_l")
+    # the two time constants in series may be exchanged
+    assert time.value == pytest.approx(0.4, rel=0.05) or time.value == pytest.approx(0.8, rel=0.05)
+    assert 'T_l(unit = "s"' in result.modelica
+    written = float(result.modelica.partition("T_l(")[2].partition(") = ")[2].partition(" ")[0])
+    assert written == pytest.approx(time.value, rel=1e-5)

@@ -137,9 +137,8 @@ def extend(context: LoopContext, first: FirstFit, search: Search, decision: Deci
     calibration = fit.calibration
     if written is not None:
         # The search's values are where the last fit began.
-        fitted = {p.name: fit.parameters[p.name].value for p in added}
-        starts = {state: fitted[p.name] for p in added for state in p.starts}
-        written = written.with_values(fitted, starts)
+        fitted = {name: entry.value for name, entry in fit.parameters.items()}
+        written = context.family.with_fitted(written, fitted, added)
     reports = check_residuals(calibration, fit.series, fit.optimum, first.floors)
     after = context.predictor.predict(calibration, fit.optimum)
     widths = written.widths if written is not None else {}

@@ -14,6 +14,7 @@ from aero_bayes.errors import InputError
 from aero_bayes.estimate.calibration import Calibration
 from aero_bayes.estimate.local_fit import Optimum
 from aero_bayes.estimate.measured_data import MeasuredData
+from aero_bayes.estimate.parameters import Parameter
 from aero_bayes.files import write_whole
 from aero_bayes.modelica.build import write_archive
 from aero_bayes.modelica.compose import add_input, add_output
@@ -30,7 +31,7 @@ from aero_bayes.structure.compose import compose_laws
 from aero_bayes.structure.coupled_fmu import BASE, INPUT, STATE, UNREAD_SUFFIX, Source, Terms, couple
 from aero_bayes.structure.law import Law
 from aero_bayes.structure.law_places import LawPlaces
-from aero_bayes.structure.modelica_family import ModelicaFamily, OpenSimulator, PortNominals
+from aero_bayes.structure.modelica_family import ExtendedModel, ModelicaFamily, OpenSimulator, PortNominals
 from aero_bayes.structure.nominal_values import (
     fastest_time_scale,
     recorded_inputs,
@@ -423,6 +424,13 @@ class FmuFamily(ModelicaFamily):
 
     def _sharper(self, placed_laws: Sequence[PlacedLaw], model: Model) -> Model | None:
         return None  # what is inside an FMU is not known
+
+    def with_fitted(
+        self, written: ExtendedModel, values: Mapping[str, float], added: Sequence[Parameter]
+    ) -> ExtendedModel:
+        """Write text, FMU and system again: all of them hold values."""
+        own = {old: values[new] for pairs in written.names.values() for old, new in pairs if new in values}
+        return self.extend(list(written.names), {**values, **own}, written.path.parent)
 
     def _write(
         self, placed_laws: Sequence[PlacedLaw], values: Mapping[str, float], folder: Path

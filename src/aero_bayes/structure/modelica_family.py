@@ -414,6 +414,16 @@ class ModelicaFamily:
             **vars(written), model=model, sharper=sharper, parameters=parameters, names=names, widths=widths
         )
 
+    def with_fitted(
+        self, written: ExtendedModel, values: Mapping[str, float], added: Sequence[Parameter]
+    ) -> ExtendedModel:
+        """Return the written model with fitted values of what was ``added``, starts of its own states among it.
+
+        What has a value in each recording is left as it is."""
+        known = [p for p in added if p.name in values]
+        starts = {state: values[p.name] for p in known for state in p.starts}
+        return written.with_values({p.name: values[p.name] for p in known}, starts)
+
     def _write(
         self, placed_laws: Sequence[PlacedLaw], values: Mapping[str, float], folder: Path
     ) -> tuple[WrittenModel, Model]:
