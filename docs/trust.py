@@ -42,7 +42,7 @@ ROWS = {
         Row("Laplace's approximation", "closed form, linear model", "known_answers/linear_gaussian", "laplace", "sd"),
         Row("sampler, sd", "closed form, linear model", "known_answers/linear_gaussian", "sampler", "sd"),
         Row("sampler, means (hare and lynx)", "Stan, as published", "known_answers/hare_lynx", "stan", "sd"),
-        Row("ranks of the truth", "uniform, by simulation", "studies/coverage"),
+        Row("share of intervals that hold, as counted", "ranks of known distributions", "studies/coverage"),
     ),
     "Faults survived": (
         Row("workers that crash, hang or are killed", "the other runs' numbers", "simulation/engine_isolation"),
