@@ -327,7 +327,6 @@ class Search:
 
     def complete(self, model: Terms, part: Terms) -> None:
         """Fit a part of a structure, and all that does nearly as well as what it lacks in its place."""
-        self.completed.add(part)
         # A fit of the part by itself may have ended in a local optimum that its values in the whole avoid.
         freed = {n for t in {*model} - {*part} if t in self.source.held for n in self.fits[model].term_values(t)}
         values = {name: value for name, value in self.fits[model].values.items() if name not in freed}
@@ -339,6 +338,8 @@ class Search:
         self.keep(dict(zip(swaps, self._map(works), strict=True)))
         if part in self.fits and len(part) + 1 == len(model):
             self.extend(part, self.folds.on_fitted(self.fits[model].optimum) - 2.0 * math.log(MATERIAL))
+        if not self.statistics.time_is_up():  # what ends with the time has not tried all
+            self.completed.add(part)
 
     def _known_swaps(self, model: Terms, part: Terms, values: Mapping[str, float]) -> dict[Terms, dict[str, float]]:
         """Structures that are tried beside a part whatever they promise, and SI values to begin from.
