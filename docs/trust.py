@@ -10,8 +10,8 @@ from xml.etree import ElementTree
 
 HEAD = """# Why these numbers can be trusted
 
-`make trust` writes this page from what the tests noted and counted (`make test-all`). A row says what is held against
-what, in how many cases, how far off the worst one was, and which test holds it. How often the program is right on rigs,
+`make trust` writes this page from what the tests noted and counted (`make test-all`). A row says what was compared
+with what, in how many cases, how far off the worst one was, and in which test. How often the program is right on rigs,
 and how often its intervals hold the truth, stands in [Results](results.md).
 """
 

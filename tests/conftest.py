@@ -48,7 +48,7 @@ def room(tmp_path_factory: pytest.TempPathFactory) -> Model:
 
 @pytest.fixture
 def trust(record_property: Callable[[str, object], None]) -> Callable[[str, float], None]:
-    """Notes how far a result is from what it is held against, in a row of ``docs/trust.md``."""
+    """Notes how far a result is from what it is compared with, in a row of ``docs/trust.md``."""
     return lambda row, value: record_property(f"trust:{row}", float(value))
 
 

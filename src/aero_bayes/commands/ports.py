@@ -43,11 +43,10 @@ from aero_bayes.simulation.engines import open_simulator
 from aero_bayes.simulation.interface import ParameterTarget
 from aero_bayes.simulation.model import Model
 from aero_bayes.simulation.workers import WorkerPool
-from aero_bayes.structure.balance import LOAD, Port, PortKind, port_table, signal_expression
+from aero_bayes.structure.balance import Port, PortKind, port_table, signal_expression
 from aero_bayes.structure.candidates import describe_law, identifier
 from aero_bayes.structure.compose import with_probes
 from aero_bayes.structure.fmu_family import FmuPlaces
-from aero_bayes.structure.law import SIGNAL_DEFAULTS
 from aero_bayes.structure.law_places import LawPlaces
 from aero_bayes.structure.modelica_family import ModelicaFamily
 from aero_bayes.structure.nominal_values import NOMINAL_QUANTILE, port_nominals
@@ -272,7 +271,7 @@ def _shapes(port: Port, sizes: Mapping[str, float], probe_name: str) -> list[tup
     """Return shapes of the probes at a port, scaled to size one: a constant, and functions of each signal."""
     found: list[tuple[str, Expression]] = [("a constant", Number(1.0))]
     for signal, variable in port.signals.items():
-        if signal in SIGNAL_DEFAULTS or signal == LOAD:
+        if f"{signal}_n" not in sizes:
             continue
         # an output as it was before the probe
         tree = (

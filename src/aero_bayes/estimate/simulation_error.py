@@ -44,17 +44,14 @@ def is_rounding(name: str) -> bool:
 
 def sharpened(flat: FlatModel, taken: Collection[str] = ()) -> FlatModel | None:
     """Return a flat model with narrower roundings; None where it has none but those that are ``taken``."""
-
-    def narrow(name: str) -> bool:
-        return is_rounding(name) and name not in taken
-
-    if not any(v.constant and v.binding is not None and narrow(v.name) for v in flat.variables):
+    found = {v.name: v.binding for v in flat.variables if v.constant and is_rounding(v.name) and v.name not in taken}
+    widths = {name: binding for name, binding in found.items() if binding is not None}
+    if not widths:
         return None
     variables = tuple(
-        replace(v, binding=Call("*", (Number(SHARPER), v.binding)))
-        if v.constant and v.binding is not None and narrow(v.name) else v
+        replace(v, binding=Call("*", (Number(SHARPER), widths[v.name]))) if v.name in widths else v
         for v in flat.variables
-    )  # fmt: skip
+    )
     return replace(flat, variables=variables)
 
 
@@ -65,13 +62,8 @@ def sharper_model(model: Model) -> Model | None:
     with suppress(InputError):
         flat = load_flat(model.source.name, model.source.files, model.source.libraries)
         if (narrow := sharpened(flat, [v.name for v in model.parameters])) is not None:
-            return compiled_model(narrow)
+            return Model.load(export_flat(narrow, session_folder() / "sharper.fmu"))
     return None
-
-
-def compiled_model(flat: FlatModel) -> Model:
-    """Return the model of a flat one; its file stays until this process ends."""
-    return Model.load(export_flat(flat, session_folder() / "sharper.fmu"))
 
 
 def with_simulation_error(fit: Fit, open_simulator: OpenSimulator, sharper: Model | None = None) -> Fit:

@@ -313,7 +313,6 @@ double rodas_step(Run *, double h, const double *ft);
 void rodas_dense(Run *);
 double scaled_norm(const Run *, const double *v, const double *x, const double *x1);
 double first_step(Run *, double limit);
-double first_step_of(double slope, double bend, double limit);
 
 /* sensitivity.c */
 int sensitivity_begin(Run *);
@@ -383,7 +382,6 @@ typedef struct {
 void note_sizes(Run *);
 void remember_step(Run *, double fraction);
 int exceeds_limits(Run *);
-int reject_step(Run *, Segment *, double h, double error);
 int integrate_segment(Run *, Segment *);
 
 /* run.c */
@@ -433,6 +431,5 @@ typedef struct {
 } Kernels;
 extern const Kernels *kernels;
 void kernels_choose(void);
-int has_wide(void); /* whether AVX2 and FMA are there and used */
 
 #endif

@@ -24,21 +24,13 @@ typedef double Four __attribute__((vector_size(32), aligned(8), may_alias));
 const Kernels *kernels = &base_table;
 
 /* AERO_BAYES_INSTRUCTIONS=baseline in the environment keeps to what every processor has, for tests. */
-int has_wide(void)
-{
-#ifdef HAVE_WIDE
-    const char *asked = getenv("AERO_BAYES_INSTRUCTIONS");
-    __builtin_cpu_init();
-    return !(asked && !strcmp(asked, "baseline")) && __builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma");
-#else
-    return 0;
-#endif
-}
-
 void kernels_choose(void)
 {
     kernels = &base_table;
 #ifdef HAVE_WIDE
-    if (has_wide()) kernels = &wide_table;
+    const char *asked = getenv("AERO_BAYES_INSTRUCTIONS");
+    __builtin_cpu_init();
+    const int there = __builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma");
+    if (there && !(asked && !strcmp(asked, "baseline"))) kernels = &wide_table;
 #endif
 }

@@ -171,12 +171,7 @@ double first_step(Run *r, double limit)
         for (int j = 0; j < n; j++) v += r->jac[i * n + j] * r->f[j];
         r->u[i] = v;
     }
-    return first_step_of(scaled_norm(r, r->f, r->x, r->x), scaled_norm(r, r->u, r->x, r->x), limit);
-}
-
-/* The same from the scaled sizes of slope and of its rate of change. */
-double first_step_of(double slope, double bend, double limit)
-{
+    const double slope = scaled_norm(r, r->f, r->x, r->x), bend = scaled_norm(r, r->u, r->x, r->x);
     if (!(slope > 0.0)) return limit;
     if (!(bend > 0.0)) return fmin(limit, 1e6 / slope);
     const double tau = slope / bend, amplitude = slope * tau;

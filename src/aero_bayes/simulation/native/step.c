@@ -62,7 +62,7 @@ static int time_derivative(Run *r, double h)
 }
 
 /* A rejected step: smaller, or the outcome where it cannot become smaller. */
-int reject_step(Run *r, Segment *g, double h, double error)
+static int reject_step(Run *r, Segment *g, double h, double error)
 {
     r->rejected++;
     g->h = h * (error < INFINITY ? fmax(0.15, 0.9 * pow(error, -0.2)) : 0.2);
