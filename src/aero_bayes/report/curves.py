@@ -11,6 +11,7 @@ from aero_bayes.arrays import FloatArray
 from aero_bayes.display import join_names
 from aero_bayes.report.drawing import Band, Dots, Layer, Line, Panel, Plate, plate
 from aero_bayes.report.run_directory import RunDirectory
+from aero_bayes.report.schema_run import RunJson
 from aero_bayes.report.svg import ACCENT, INK, MEASURED, WARM_COLOUR
 from aero_bayes.report.text import greek_name, role_words, scaled_unit, signal_title
 
@@ -201,10 +202,10 @@ def stretch_words(run: RunDirectory, scene: Scene) -> str:
     return f"{scene.recording} from {unseen[0]:.6g} s on, not fitted"
 
 
-def role_of(run: RunDirectory, recording: str) -> str:
-    """Return how a recording was used, for its heading."""
-    parts = [p for p in (run.result.loop.parts if run.result.loop else ()) if p.recording == recording]
+def role_of(result: RunJson, recording: str) -> str:
+    """Return how a recording, or each part of it, was used."""
+    parts = [p for p in (result.loop.parts if result.loop else ()) if p.recording == recording]
     if len(parts) < 2:
-        return role_words(parts[0].role if parts else run.result.role(recording))
+        return role_words(parts[0].role if parts else result.role(recording))
     told = [f"{role_words(p.role)} up to {p.end:.6g} s" for p in parts if p.end is not None]
     return f"{', '.join(told)}, then {role_words(parts[-1].role)}"

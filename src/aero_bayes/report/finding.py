@@ -9,13 +9,14 @@ from markupsafe import Markup
 
 from aero_bayes.estimate.error_sentences import growing, told_first
 from aero_bayes.estimate.error_sentences import place as where
-from aero_bayes.loop.sentences import beside, claimed, cross_validated, in_words, places
+from aero_bayes.loop.sentences import beside, claimed, cross_validated, in_words, larger, places
 from aero_bayes.report import words
+from aero_bayes.report.curves import role_of
 from aero_bayes.report.drawing import Plate
 from aero_bayes.report.loop_figures import changed_equations, curve_plate
 from aero_bayes.report.schema_run import EffectJson, LoopJson, RecordingErrorJson, RunJson
 from aero_bayes.report.tables import generic_cell, html_table
-from aero_bayes.report.text import count, duration, role_words, symbol, tidy
+from aero_bayes.report.text import count, duration, symbol, tidy
 
 #: Outputs whose bars are drawn, those whose error falls most; the table of errors has all.
 MOST_BARS = 3
@@ -100,17 +101,11 @@ def _bars(result: RunJson, error: RecordingErrorJson) -> Markup:
 def rivals_table(effect: EffectJson) -> Markup:
     """List what the data do not tell from an effect; None where there is nothing."""
     rows = [
-        (Markup("<code>{}</code>").format(other.id), _more(other.error_ratio))
+        (Markup("<code>{}</code>").format(other.id), larger(other.error_ratio).replace(" %", "\u00a0%"))
         for other in effect.alternatives if other.id != effect.id
     ]  # fmt: skip
     caption = f"{'The same law in other forms:' if effect.claim == 'law' else 'Not told from'} {effect.id}"
     return html_table(("effect", "error, left out and validation"), rows, caption)
-
-
-def _more(ratio: float | None) -> str:
-    """Return how much larger an error is; the same where less than half a per cent."""
-    change = 0.0 if ratio is None else 100.0 * (ratio - 1.0)
-    return f"{abs(change):.0f}\u00a0% {'larger' if change > 0.0 else 'smaller'}" if abs(change) >= 0.5 else "the same"
 
 
 def warnings(result: RunJson) -> list[str]:
@@ -138,7 +133,7 @@ def provenance(result: RunJson) -> list[Markup]:
         tables.append(html_table(heads, files, "Data"))
     if result.recordings:
         used = [
-            (row.name, _roles(result, row.name), count(row.rows), duration(row.duration_s), _signals(row.inputs),
+            (row.name, role_of(result, row.name), count(row.rows), duration(row.duration_s), _signals(row.inputs),
              _signals(row.outputs))
             for row in result.recordings
         ]  # fmt: skip
@@ -155,12 +150,6 @@ def provenance(result: RunJson) -> list[Markup]:
             rows = [(key.replace("_", " ") if node is model else key, _exact(value)) for key, value in node.items()]
             tables.append(html_table(("", ""), rows, title))
     return tables
-
-
-def _roles(result: RunJson, recording: str) -> str:
-    """Return the role of a recording, or those of its parts."""
-    parts = [role_words(p.role) for p in (result.loop.parts if result.loop else ()) if p.recording == recording]
-    return " and ".join(dict.fromkeys(parts)) or role_words(result.role(recording))
 
 
 def _signals(names: Sequence[str]) -> Markup:

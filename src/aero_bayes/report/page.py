@@ -202,7 +202,7 @@ def _recordings(run: RunDirectory, scene: curves.Scene | None) -> list[Part]:
     for name in names:
         above = scene is not None and scene.recording == name and scene.stretch == run.span(name)
         drawn = curves.recording_plate(run, name, without=scene.output if scene and above else "")
-        head = Markup('{} <span class="role">{}</span>').format(name, curves.role_of(run, name))
+        head = Markup('{} <span class="role">{}</span>').format(name, curves.role_of(run.result, name))
         if drawn and unseen and run.unseen(name) is None:
             shown += [Parts(head, [drawn])]
         elif drawn:

@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 
 from markupsafe import Markup, escape
 
+from aero_bayes.estimate.residual_tests import MIN_CORRELATION
 from aero_bayes.report.schema_estimate import ParameterJson, QuantilesJson
 from aero_bayes.report.text import (
     NO_VALUE,
@@ -28,7 +29,7 @@ _STATUS_WORDS = {
     "at_bound": "the best value lies on a bound of its range",
     "adequate": "the residual is noise",
     "structured": "the residual is more than noise",
-    "noise": "only noise is left: no correlation above 0.1",
+    "noise": f"only noise is left: no correlation above {MIN_CORRELATION:g}",
     "too large": "more than 1.3 times the noise",
 }
 _RANKS = {status: rank for rank, status in enumerate(("identified", "weak", "at_bound", "unidentified", "fixed"))}
