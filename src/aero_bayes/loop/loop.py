@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -163,7 +163,7 @@ def _closed(context: LoopContext, begin: Mapping[str, float]) -> LoopResult:
     explained = cause is not None or (bool(first.plain.data.spreads) and not settings.require)
     search = searched(context, first, explained=explained)
     search.work("leaving out folds of readings", 1.0)
-    decision = settled(search, statistics.time_is_up)
+    decision = settled(search)
     if not explained:
         told = {*decision.model, *search.library.curves, *search.source.held}
         search.screen(decision.model, [t for t in search.library.offered if t not in told])
@@ -262,25 +262,21 @@ def settings_of(fit: Fit, settings: LoopSettings) -> LoopSettings:
     return replace(settings, fit=first, parameters=chosen)
 
 
-def settled(search: Search, late: Callable[[], bool]) -> Decision:
+def settled(search: Search) -> Decision:
     """The decision on a search's table once all that it hangs on was fitted without each fold, and held against what
     else may be in the place of each of its terms."""
     required = search.library.required
     for _ in range(MOST_DECISIONS):
         decision = decide(search.table, required)
-        if late():
-            break
-        if new := [k for k in decision.compared if not search.table.rows[k].refitted]:
-            search.refit(new)
-            continue
-        before = dict(search.fits)
+        new = [k for k in decision.compared if not search.table.rows[k].refitted]
         todo = [k for k in _parts(search, decision) if k not in search.completed]
-        if not todo:
+        if search.statistics.time_is_up() or not (new or todo):
             break
-        for part in todo:
-            search.complete(decision.model, part)
-        if search.fits == before and all(k in search.table.rows for k in todo):
-            break
+        if new:
+            search.refit(new)
+        else:
+            for part in todo:
+                search.complete(decision.model, part)
     return _as_far_as_tried(search, decide(search.table, required))
 
 
@@ -289,7 +285,7 @@ def _as_far_as_tried(search: Search, decision: Decision) -> Decision:
     less: dict[ClaimKind, ClaimKind] = {"law": "place", "mechanism": "one of"}
     claims = dict(decision.claims)
     for term, found in decision.claims.items():
-        if tuple(x for x in decision.model if x != term) not in search.completed:
+        if not search.completed.get(tuple(x for x in decision.model if x != term)):
             claims[term] = replace(found, kind=less.get(found.kind, found.kind), tried_all=False)
     return replace(decision, claims=claims)
 

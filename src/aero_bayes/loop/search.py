@@ -38,7 +38,7 @@ class Effort:
     ``beam`` are structures of each size that are extended, from none to two terms: the best may hold none of the right
     ones. Beside a structure so many terms are ``fitted`` after a brief fit (beside the first model, whose predictions
     are the worst; beside others), ``finished`` of them are fitted to the end, and ``begun`` with a beginning of the
-    recordings. ``structures`` are fitted in all, ``swaps`` besides in the place of a term of the model. Beside
+    recordings. ``structures`` are fitted in all, ``swaps`` besides in the place of each term of the model. Beside
     the first model each term is fitted from ``declared`` nominal sizes and declared values, finer laws, too; it is
     screened ``beside_declared`` values, too."""
 
@@ -62,8 +62,6 @@ EFFORTS = (
     (150, Effort((1, 30, 8), (60, 60), 60, (60, 60), 300, 100, 6)),
     (2500, Effort((1, 6, 4), (30, 12), 12, (12, 3), 90, 30, 3)),
 )
-#: Terms that are tried at least in the place of another one.
-LEAST_SWAPS = 2
 #: Points from which a term is fitted: by its slope, by simulation, and beside the declared values.
 MOST_STARTS = 3
 #: Share of a search's work that has been done once no larger structure is tried; and share of what is left of a part of
@@ -95,6 +93,7 @@ class Library:
 class Search:
     """A search; ``fits`` are the best of each structure, ``table`` their errors, ``screened`` what terms promised.
 
+    ``completed`` are parts of a model in which what one of its terms may be was tried, and whether all of it was;
     ``map`` does independent tasks."""
 
     source: ModelSource
@@ -107,7 +106,7 @@ class Search:
     fits: dict[Terms, FittedModel] = field(default_factory=dict)
     screened: dict[Terms, dict[str, Screened]] = field(default_factory=dict)
     skipped: dict[str, None] = field(default_factory=dict)
-    completed: set[Terms] = field(default_factory=set)
+    completed: dict[Terms, bool] = field(default_factory=dict)
     ended: str = ""
     doing: tuple[str, float] = ("", 0.0)
     done: float = 0.0
@@ -198,7 +197,7 @@ class Search:
         self.table.rows[()] = self._row(first[0])
         terms: Terms = ()
         for id_ in self.library.required:
-            self.fit_children(terms, [id_], least=-math.inf)
+            self.fit_children(terms, [id_], math.inf)
             terms = _plus(terms, id_)
             if terms not in self.fits:
                 raise CannotFinishError(f"the model cannot be simulated with {id_}, which [loop] require asks for")
@@ -254,48 +253,52 @@ class Search:
         width = self.effort.beam[min(size - len(required), len(self.effort.beam) - 1)]
         return list(dict.fromkeys([*order[:1], *plain[:1], *places.values(), *order]))[:width]
 
-    def extend(self, parent: Terms, near: float | None = None) -> None:
+    def extend(self, parent: Terms, near: float | None = None, place: str = "") -> bool:
         """Screen all terms beside a structure and fit those that promise most, or all that promise a score ``near``.
 
-        A finer law is fitted where it promises more than its coarser one, or beside the best, and in place of it."""
-        curved = bool(set(parent) & set(self.library.curves))
-        curves, refines = self.library.curves, self.library.refines
-        free = (t for t in self.library.offered if t not in parent and refines.get(t) not in parent)
-        offered = [t for t in free if not (curved and t in curves)]
-        self.fit_children(parent, offered, near)
+        With a ``near`` all that promise anything at the same ``place`` are fitted, too. A finer law is fitted where it
+        promises more than its coarser one, or beside the best, and in place of it. Gives whether nothing was left."""
+        tried_all = self.fit_children(parent, self._free(parent), near, place)
         children = [k for k in self.fits if len(k) == len(parent) + 1 and set(parent) < set(k)]
         best = sorted(children, key=self.table.order)[: self.effort.beam[1]]
         coarse = {t for k in best for t in set(k) - set(parent)} | set(parent)
+        finer: dict[Terms, list[str]] = {}
         for t, of in self.library.refines.items():
             origin = tuple(x for x in parent if x != of)
-            child, second = _plus(origin, t), t in self.library.curves and set(origin) & set(self.library.curves)
-            wanted = of in coarse and t in self.library.offered and t not in parent and not second
-            new = origin in self.fits and child not in self.fits
-            if wanted and new and len(self.fits) < self.effort.structures + self.effort.swaps:
-                self.fit_children(origin, [t])
+            if of in coarse and origin in self.fits and t in self._free(origin) and _plus(origin, t) not in self.fits:
+                finer.setdefault(origin, []).append(t)
+        for origin, terms in finer.items():
+            if len(self.fits) < self.effort.structures + self.effort.swaps:
+                self.fit_children(origin, terms, self.folds.on_fitted(self.fits[origin].optimum) - LEAST_FALL)
+        return tried_all
 
-    def fit_children(
-        self, parent: Terms, offered: Sequence[str], near: float | None = None, least: float = LEAST_FALL
-    ) -> None:
-        """Fit the terms that promise most beside a structure: some steps each, the best of them to the end."""
+    def _free(self, terms: Terms) -> list[str]:
+        """Terms that may be put beside a structure: no second curve, and no finer form of what is in it."""
+        curves, refines = {*self.library.curves}, self.library.refines
+        taken = {*terms, *(curves if curves & {*terms} else ())}
+        return [t for t in self.library.offered if t not in taken and refines.get(t) not in terms]
+
+    def fit_children(self, parent: Terms, offered: Sequence[str], near: float | None = None, place: str = "") -> bool:
+        """Fit what promises most beside a structure, the best to the end; gives whether all that is near was fitted."""
         promises = self.screen(parent, offered)
         here, gains = self.folds.on_fitted(self.fits[parent].optimum), {t: s.gain for t, s in promises.items()}
-        if len(offered) > 1:
-            coarse = {t: gains.get(of, -math.inf) for t, of in self.library.refines.items()}
-            finer = self.effort.declared and not parent
-            gains = {t: g for t, g in gains.items() if finer or t not in coarse or g > coarse[t] + LEAST_FALL}
+        coarse = {t: gains.get(of, -math.inf) for t, of in self.library.refines.items()}
+        finer = self.effort.declared and not parent
+        gains = {t: g for t, g in gains.items() if finer or t not in coarse or g > coarse[t] + LEAST_FALL}
         if near is None:
             # A first fit may have gone so far astray that no promise is worth anything: from the declared values a law
             # is fitted whatever it promises.
-            order = [t for t in gains if gains[t] >= least or (not parent and t not in self.library.curves)]
+            order = [t for t in gains if gains[t] >= LEAST_FALL or (not parent and t not in self.library.curves)]
             count = len(order) if not parent else self.effort.fitted[1]
         else:
-            # A promise is to first order, and no bound: the best are tried in any case.
+            # A promise is to first order, and no bound: the best are tried in any case, and all at the same place.
             best = sorted(gains, key=lambda t: (-gains[t], t))[: self.effort.fitted[1]]
+            best += [t for t in gains if self.table.ports.get(t) == place and gains[t] >= LEAST_FALL]
             order = [t for t in gains if here - gains[t] <= near or t in best]
             order = [t for t in order if _plus(parent, t) not in self.fits]
-            count = self.effort.structures + self.effort.swaps - len(self.fits)
-        order = sorted(order, key=lambda t: (-gains[t], t))[: max(count, LEAST_SWAPS)]
+            count = self.effort.swaps
+        order.sort(key=lambda t: (-gains[t], t))
+        cut, order = order[count:], order[:count]
         children = [_plus(parent, t) for t in order]
         works = [partial(self._brief, parent, t, promises[t].promises) for t in order]
         found = dict(zip(children, self._map(works), strict=True))
@@ -303,9 +306,9 @@ class Search:
         ends = ends if near is not None else ends[: self.effort.fitted[bool(parent)]]
         self.keep({k: found[k] for k in ends})
         kept = [k for k in ends[: self.effort.finished] if k in self.fits]
-        self.finish(kept)
-        again = [k for k in kept[: self.effort.begun[bool(parent)]] if near is None and self.structured(k)]
-        self.keep(dict(zip(again, self._map([partial(self._from_beginning, k) for k in again]), strict=True)))
+        begun = self.effort.begun[bool(parent)] if near is None else 0
+        self.finish(kept, [k for k in kept[:begun] if self.structured(k)])
+        return not cut
 
     def screen(self, parent: Terms, offered: Sequence[str]) -> dict[str, Screened]:
         """Screen terms beside a structure, those that were not yet."""
@@ -319,11 +322,13 @@ class Search:
         self.table.ports = {**self.table.ports, **{t: s.port for t, s in known.items() if s.port}}
         return {t: known[t] for t in offered if t in known}
 
-    def finish(self, structures: Iterable[Terms]) -> None:
-        """Go on with fits until no step promises anything."""
+    def finish(self, structures: Iterable[Terms], begun: Sequence[Terms] = ()) -> None:
+        """Go on with fits until no step promises anything; some are fitted to a beginning of the recordings, too."""
         wanted = [k for k in structures if k in self.fits and not self.fits[k].optimum.reason.converged]
         works = [partial(self.found, k, [self.fits[k].optimum.coordinates], WHOLE) for k in wanted]
-        self.keep(dict(zip(wanted, self._map(works), strict=True)))
+        found = self._map([*works, *(partial(self._from_beginning, k) for k in begun)])
+        self.keep(dict(zip(wanted, found, strict=False)))
+        self.keep(dict(zip(begun, found[len(wanted) :], strict=True)))
 
     def complete(self, model: Terms, part: Terms) -> None:
         """Fit a part of a structure, and all that does nearly as well as what it lacks in its place."""
@@ -332,34 +337,33 @@ class Search:
         values = {name: value for name, value in self.fits[model].values.items() if name not in freed}
         self.keep({part: self.found(part, self.at_values(part, values, part), WHOLE)})
         swaps = self._known_swaps(model, part, values)
-        works = [
-            partial(self.found, child, self.at_values(child, known, child), WHOLE) for child, known in swaps.items()
-        ]
+        works = [partial(self.found, k, self.at_values(k, known, k), WHOLE) for k, known in swaps.items()]
         self.keep(dict(zip(swaps, self._map(works), strict=True)))
-        if part in self.fits and len(part) + 1 == len(model):
-            self.extend(part, self.folds.on_fitted(self.fits[model].optimum) - 2.0 * math.log(MATERIAL))
-        if not self.statistics.time_is_up():  # what ends with the time has not tried all
-            self.completed.add(part)
+        tried_all, lacks = True, {*model} - {*part}
+        if part in self.fits and len(lacks) == 1:
+            near = self.folds.on_fitted(self.fits[model].optimum) - 2.0 * math.log(MATERIAL)
+            tried_all = self.extend(part, near, self.table.ports.get(next(iter(lacks)), ""))
+        # What ends with the time has not tried all.
+        self.completed[part] = tried_all and not self.statistics.time_is_up()
 
     def _known_swaps(self, model: Terms, part: Terms, values: Mapping[str, float]) -> dict[Terms, dict[str, float]]:
         """Structures that are tried beside a part whatever they promise, and SI values to begin from.
 
         They have the coarser law, from the finer one's size, or a term of what does as well as the model."""
         found: dict[Terms, dict[str, float]] = {}
-        near, curves = self.table.score(model) - math.log(MATERIAL), {*self.library.curves}
+        near, free = self.table.score(model) - math.log(MATERIAL), self._free(part)
         alike = (k for k in self.fits if len(k) == len(model) and self.table.score(k) <= near)
         for k in sorted(alike, key=self.table.order)[: self.effort.fitted[1]]:
-            for term in {*k} - {*model}:
-                if self.library.refines.get(term) not in part and not (term in curves and curves & {*part}):
-                    found.setdefault(_plus(part, term), {**values, **self.fits[k].term_values(term)})
+            for term in (t for t in free if t in k and t not in model):
+                found.setdefault(_plus(part, term), {**values, **self.fits[k].term_values(term)})
         for fine in {*model} - {*part}:
             child = _plus(part, coarse := self.library.refines.get(fine, ""))
-            simulated = self.models.of(child) if coarse in self.library.offered and coarse not in part else None
+            simulated = self.models.of(child) if coarse in free else None
             if simulated is not None:
                 ends = (self.fits[model].model, fine), (simulated, coarse)
                 size, own = (m.objective.parameters.names[m.candidates[t].columns[0]] for m, t in ends)
                 found[child] = {**values, own: values.get(size, 0.0)}
-        return {child: known for child, known in found.items() if len(child) > len(part)}
+        return found
 
     def refit(self, structures: Sequence[Terms]) -> None:
         """Find the left-out errors of some structures by fits without each fold."""
