@@ -59,8 +59,8 @@ def test_what_does_as_well_is_told_by_name_up_to_five() -> None:
 
 
 def test_what_was_not_tried_is_said() -> None:
-    assert "lack of time" in claimed(effect("place", tried_all=False), "lag@T")
-    assert "lack of time" not in claimed(effect("place", ("gain@T", "T", 1.2)), "lag@T")
+    assert "not all tried" in claimed(effect("place", tried_all=False), "lag@T")
+    assert "not all tried" not in claimed(effect("place", ("gain@T", "T", 1.2)), "lag@T")
 
 
 def test_a_gain_beside_other_effects_says_so() -> None:

@@ -49,13 +49,7 @@ def test_a_joint_that_yields_is_named_with_its_shape(tmp_path):
         laws=("hysteretic_spring", "linear_stiffness", "cubic_stiffness", "backlash", "coulomb_friction", "lag"),
         cache=tmp_path / "fmu",
     )  # fmt: skip
-    result = close_loop(
-        [shaken("a", 91)],
-        [shaken("b", 92)],
-        model=tmp_path / "Mass.mo",
-        settings=settings,
-        workers=0,
-    )
+    result = close_loop([shaken("a", 91)], [shaken("b", 92)], model=tmp_path / "Mass.mo", settings=settings, workers=0)
     assert [effect.id for effect in result.effects] == ["hysteretic_spring@v"]
     stiffness, width, shape = (parameter.value for parameter in result.effects[0].parameters)
     assert stiffness == pytest.approx(90.0, rel=0.02)

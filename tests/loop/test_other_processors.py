@@ -22,7 +22,6 @@ import numpy as np
 from aero_bayes.loop import LoopSettings, close_loop
 import test_by_side as by_side, test_load_friction as geared, test_unsigned_and_unbalance as unsigned
 
-friction = ("coulomb_friction", "load_friction", "viscous_friction", "quadratic_drag", "gain", "curve")
 stops = ("end_stop", "end_stop_by_side", "coulomb_friction", "linear_stiffness", "offset")
 ranges = ("saturation", "saturation_by_side", "gain", "overflow", "square_loss", "dead_zone")
 signs = ("unsigned", "gain", "offset", "dead_zone", "coulomb_friction")
@@ -30,7 +29,7 @@ weights = ("unbalance", "linear_stiffness", "offset", "coulomb_friction", "gain"
 cases = [
     (by_side.TRACK, ("m", "d"), stops, [by_side.track(n, s, 0.0) for n, s in (("a", 75), ("b", 76))]),
     (by_side.METER, ("T", "K"), ranges, [by_side.meter("a", 67), by_side.meter("b", 68)]),
-    (geared.GEARED, ("J", "d"), friction, [geared.turned("a", 1), geared.turned("b", 2)]),
+    (geared.GEARED, ("J", "d"), geared.LAWS, [geared.turned("a", 1), geared.turned("b", 2)]),
     (unsigned.MOTOR, ("T", "k"), signs, [unsigned.turned("a", 71), unsigned.turned("b", 72)]),
     (unsigned.ARM, ("J", "d"), weights, [unsigned.swung("a", 81), unsigned.swung("b", 82)]),
 ]

@@ -154,13 +154,7 @@ def test_a_loss_to_a_hall_is_found_against_its_recorded_temperature(tmp_path):
         laws=("linear_loss", "square_loss", "radiation", "offset", "gain"), cache=tmp_path / "fmu",
         fit=FitSettings(method="local", calibration=CalibrationSettings(interpolation={"T_hall": "linear"})),
     )  # fmt: skip
-    result = close_loop(
-        [bake("a", 71)],
-        [bake("b", 72)],
-        model=tmp_path / "Oven.mo",
-        settings=settings,
-        workers=0,
-    )
+    result = close_loop([bake("a", 71)], [bake("b", 72)], model=tmp_path / "Oven.mo", settings=settings, workers=0)
     assert [effect.id for effect in result.effects] == ["square_loss@T-T_hall"]
     loss, capacity = result.effects[0].parameters[0], result.parameters["C"]
     assert loss.value == pytest.approx(LOSS, abs=4 * loss.sd)

@@ -187,13 +187,7 @@ def test_a_stiffening_spring_is_found_and_written_into_both_balances(tmp_path):
         laws=("cubic_stiffness", "coulomb_friction", "quadratic_drag"), cache=tmp_path / "fmu",
         fit=FitSettings(method="local", calibration=CalibrationSettings(interpolation="linear")),
     )  # fmt: skip
-    result = close_loop(
-        [drive("a", 51)],
-        [drive("b", 52)],
-        model=tmp_path / "Car.mo",
-        settings=settings,
-        workers=0,
-    )
+    result = close_loop([drive("a", 51)], [drive("b", 52)], model=tmp_path / "Car.mo", settings=settings, workers=0)
     assert [effect.id for effect in result.effects] == ["cubic_stiffness@v_b-v_w"]
     assert result.effects[0].parameters[0].value == pytest.approx(K_3, rel=0.02)
     assert result.parameters["k_s"].value == pytest.approx(K_S, rel=0.02)

@@ -81,7 +81,7 @@ def claimed(effect: Any, name: str, others: str = "") -> str:
             near = f"the same law with more parameters or as a curve comes near ({others or _listed(known)})"
             return f"No other law that was tried does as well as {name}; only {near}{_less(known)}."
         return f"Nothing else that was tried does as well as {name}."
-    late = "" if effect.tried_all else "What else may be in its place was not all tried for lack of time."
+    late = "" if effect.tried_all else "What else may be in its place was not all tried."
     if len(known) > MAX_TOLD and effect.claim == "one of":
         told = f"The data do not tell which effect it is: {_number(len(known))} others do as well, {_how_near(known)}."
         return f"{told} {late}".strip()
