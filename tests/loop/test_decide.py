@@ -155,6 +155,12 @@ def test_no_structure_validates_worse_than_one_within_it():
     assert decide(table(errors, {"a@u": 0.3, "b@v": 0.5, "a@u b@v": 0.31})).model == ("a@u",)
 
 
+def test_of_three_terms_two_are_admissible_without_the_third():
+    errors = {"": 1.0, "a@u": 0.5, "b@v": 0.9, "c@w": 0.9, "a@u b@v": 0.48, "a@u c@w": 0.48, "b@v c@w": 0.8}
+    assert decide(table({**errors, "a@u b@v c@w": 0.2})).model == ("a@u",)
+    assert decide(table({**errors, "a@u b@v": 0.3, "a@u b@v c@w": 0.2})).model == ("a@u", "b@v", "c@w")
+
+
 def test_a_structure_needs_ten_readings_for_each_parameter():
     small = table({"": 1.0, "a@u": 0.5, "a@u b@v": 0.1})
     small.readings = 19

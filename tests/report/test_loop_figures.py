@@ -33,9 +33,10 @@ def test_the_added_term_is_marked_in_its_equation() -> None:
     assert changed_equations(LoopJson(outcome="adequate")) is None
 
 
-def test_the_documentation_of_a_law_is_no_equation() -> None:
-    law = ["model L", "initial equation", "  z = u;", "equation", "  der(z) = u - z;", "  annotation (Documentation("]
-    law += ['  info = "<p>It follows the input.</p>"));', "end L;"]
-    diff = "\n".join(["@@ -1,0 +1 @@", *("+" + line for line in law)])
-    loop = LoopJson(outcome="extended", diff=diff, modelica_source="\n".join(law))
-    assert changed_equations(loop) == "<mark>z = u;</mark>\n<mark>der(z) = u - z;</mark>"
+def test_a_laws_own_equations_and_documentation_are_none_of_the_models() -> None:
+    law = ["  model L", "  initial equation", "    z = u;", "  equation", "    der(z) = u - z;"]
+    law += ["    annotation (Documentation(", '    info = "<p>It follows the input.</p>"));', "  end L;"]
+    law += ["  L l(u = x);", "equation", "  y = l.z;"]
+    diff = "\n".join(["-model R", "+model R_lag", "   Real x;", *("+" + line for line in law)])
+    loop = LoopJson(outcome="extended", diff=diff, modelica_source="\n".join(["model R_lag", *law, "end R_lag;"]))
+    assert changed_equations(loop) == "<mark>y = l.z;</mark>"

@@ -9,7 +9,8 @@ score is, for each output, the geometric mean of both ratios to the first model;
    curve beside other terms by a third), clearly, and each witness of that output by a tenth. No witness of any other
    output rises.
 2. A structure is *admissible* if each of its terms is material, at most one is a curve, ten training readings come on
-   each free parameter, and no structure within it validates better.
+   each free parameter, and no structure within it validates better. Two terms may explain what neither does alone; of
+   more, some set fits by chance: they are admissible without one of them, too (heredity).
 3. The *size* is the smallest whose best admissible structure no larger admissible one materially beats.
 4. The *model* is the best of that size, or one as good with fewer curves, then fewer parameters.
 5. A *claim* says what may be said of a term, and changes nothing in the model. Held against it is all that does as well
@@ -38,6 +39,8 @@ ClaimKind = Literal["law", "place", "mechanism", "one of"]
 MATERIAL_CURVE = 0.67
 #: Training readings that a structure needs for each free parameter: with fewer one of many fits by chance.
 READINGS_EACH = 10
+#: Terms that may be admissible together though none is alone.
+PAIR = 2
 #: Share of the gain that a simpler model of the same size may give away: fits and blocks are not more exact.
 AS_GOOD = 0.05
 #: Share of the gain of a curve that a law in its place may give away: a curve takes up what else is missing, too.
@@ -100,8 +103,10 @@ def admissible(table: Table, terms: Terms, required: Terms = ()) -> bool:
     few = table.readings is not None and READINGS_EACH * table.rows[terms].free > table.readings
     if few or sum(t in table.curves for t in own) > 1:
         return False
-    within = (k for k in table.rows if set(k) < set(terms))
-    if any(table.validated(k) < table.validated(terms) for k in within):
+    within = [k for k in table.rows if set(k) < set(terms)]
+    smaller = (k for k in within if len(k) + 1 == len(terms))
+    new = len(own) > PAIR and not any(admissible(table, k, required) for k in smaller)
+    if new or any(table.validated(k) < table.validated(terms) for k in within):
         return False
     limits = {t: MATERIAL_CURVE if t in table.curves and len(terms) > 1 else MATERIAL for t in own}
     return all(table.material(terms, table.without(terms, t), limits[t]) for t in own)

@@ -228,10 +228,8 @@ class FirstFit:
 
         The starts of states that the terms brought have a value in each recording."""
         moved, new = context.family.transfer(self.plain, model), context.family.starts_on(new, self.plain.model, model)
-        known = set(moved.parameters.names)
-        own = for_recordings(
-            ParameterSet(tuple(p for p in new if p.name not in known)), model, context.recordings.fitted
-        )
+        old = set(moved.parameters.names)
+        own = for_recordings(ParameterSet(tuple(p for p in new if p.name not in old)), model, context.recordings.fitted)
         freed = {p.name for p in new}
         items = tuple(
             replace(p, free_if_identified=p.free_if_identified and p.name not in freed) for p in moved.parameters

@@ -98,10 +98,8 @@ class FittedModel:
         if found is None:
             return None
         white = objective.whiten(found, optimum.noise)
-        there = replace(
-            optimum, coordinates=point, evaluation=found, whitened=white, log_likelihood=white.log_likelihood
-        )
-        return replace(self, optimum=there)
+        new = replace(optimum, coordinates=point, evaluation=found, whitened=white, log_likelihood=white.log_likelihood)
+        return replace(self, optimum=new)
 
     def structured(self, floors: Mapping[tuple[str, str], float]) -> tuple[str, ...]:
         """Outputs in which it leaves more than what sensors add."""

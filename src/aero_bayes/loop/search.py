@@ -292,7 +292,7 @@ class Search:
             count = len(order) if not parent else self.effort.fitted[1]
         else:
             # A promise is to first order, and no bound: the best are tried in any case, and all at the same place.
-            best = sorted(gains, key=lambda t: (-gains[t], t))[: self.effort.fitted[1]]
+            best = sorted(gains, key=lambda t: (-gains[t], t))[: self.effort.fitted[1] if place else 0]
             best += [t for t in gains if self.table.ports.get(t) == place and gains[t] >= LEAST_FALL]
             order = [t for t in gains if here - gains[t] <= near or t in best]
             order = [t for t in order if _plus(parent, t) not in self.fits]
@@ -342,7 +342,7 @@ class Search:
         tried_all, lacks = True, {*model} - {*part}
         if part in self.fits and len(lacks) == 1:
             near = self.folds.on_fitted(self.fits[model].optimum) - 2.0 * math.log(MATERIAL)
-            tried_all = self.extend(part, near, self.table.ports.get(next(iter(lacks)), ""))
+            tried_all = self.extend(part, near, self.table.ports[min(lacks)])
         # What ends with the time has not tried all.
         self.completed[part] = tried_all and not self.statistics.time_is_up()
 
@@ -365,14 +365,12 @@ class Search:
                 found[child] = {**values, own: values.get(size, 0.0)}
         return found
 
-    def refit(self, structures: Sequence[Terms]) -> None:
+    def refit(self, wanted: Sequence[Terms]) -> None:
         """Find the left-out errors of some structures by fits without each fold."""
-        self.finish(structures)
-        works = [
-            partial(refitted_errors, self.fits[k], self.folds, self.settings(REFIT), self._stop) for k in structures
-        ]
+        self.finish(wanted)
+        works = [partial(refitted_errors, self.fits[k], self.folds, self.settings(REFIT), self._stop) for k in wanted]
         most = 1e6 * self.table.rows[()].errors.sum(axis=0)
-        for k, errors in zip(structures, self._map(works), strict=True):
+        for k, errors in zip(wanted, self._map(works), strict=True):
             if errors is not None:
                 errors = np.where(np.isfinite(errors), errors, most)
                 self.table.rows[k] = replace(self.table.rows[k], errors=errors, refitted=True)

@@ -130,10 +130,8 @@ def _residual_plate(runs: Runs, seen: Runs, recording: str) -> Plate | None:
 def _rms_by_run_table(runs: Runs) -> Markup:
     """Write the RMS of the residual, by recording and output."""
     rows = []
-    places = dict.fromkeys(
-        (r, o) for run in runs.values() for r in run.recordings() for o in run.signals("measured", r)
-    )
-    for recording, output in places:
+    read = dict.fromkeys((r, o) for run in runs.values() for r in run.recordings() for o in run.signals("measured", r))
+    for recording, output in read:
         sizes = [_rms(run, recording, output) for run in runs.values()]
         unit = next(filter(None, (run.result.unit(output) for run in runs.values())), "")
         if any(size is not None for size in sizes):

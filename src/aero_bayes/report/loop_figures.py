@@ -110,10 +110,9 @@ NO_EQUATIONS = ("end ", "public", "protected", "algorithm", "annotation")
 
 
 def changed_equations(loop: LoopJson) -> Markup | None:
-    """Equations of the extended model that the base model has not, with what is new in them marked; None if there are
-    none.
-    """
-    section, own = False, set()
+    """Equations that the extended model has and the base model has not, what is new in them marked; None if there are
+    none. Those within a law's own class are not the model's."""
+    section, own, law = False, set(), ""
     for text in loop.modelica_source.splitlines():
         head = text.strip().removeprefix("initial ")
         section = (section or head == "equation") and not head.startswith(NO_EQUATIONS)
@@ -122,7 +121,11 @@ def changed_equations(loop: LoopJson) -> Markup | None:
     found = []
     for text in loop.diff.splitlines():
         kind, line = _diff_kind(text), text[1:].strip()
-        if kind == "add" and line in own and not line.startswith("//"):
+        begun = re.match(r"(?:model|block|record|function)\s+(\w+)", line) if kind == "add" and not old else None
+        law = law or (begun[1] if begun else "")
+        if law:
+            law = "" if line == f"end {law};" else law
+        elif kind == "add" and line in own and not line.startswith("//"):
             found.append(_marked(old.pop(0) if old else "", line))
         elif kind != "add":
             old = [*old, line] if kind == "del" else []
