@@ -180,14 +180,7 @@ def fmu_command(
     from aero_bayes.modelica.compilers import export_fmu
 
     out.parent.mkdir(parents=True, exist_ok=True)
-    written = export_fmu(
-        model,
-        out,
-        compiler=compiler,
-        sources=sources,
-        libraries=libraries,
-        platforms=platforms,
-    )
+    written = export_fmu(model, out, compiler=compiler, sources=sources, libraries=libraries, platforms=platforms)
     click.echo(f"wrote {written}")
 
 

@@ -15,11 +15,7 @@ from aero_bayes.estimate.noise import OutputNoise, SampleTimes, autocorrelation,
 from aero_bayes.estimate.noise_estimation import whiten
 from aero_bayes.estimate.objective import Objective, Series
 from aero_bayes.estimate.predict_recordings import rms_error
-from aero_bayes.estimate.residual_tests import (
-    check_residuals,
-    slow_variation_test,
-    smooth_dependence_test,
-)
+from aero_bayes.estimate.residual_tests import check_residuals, slow_variation_test, smooth_dependence_test
 from aero_bayes.simulation.interface import InputSignal
 
 pytestmark = pytest.mark.fast

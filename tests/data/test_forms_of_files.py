@@ -244,11 +244,7 @@ def test_a_damaged_file_is_one_line(suffix: str, tmp_path: Path) -> None:
             "31-Dec-25 23:59:{second},1.5,Good,2.5,Good\n",
             "01-Jan-26 00:00:10,1.5,Good,Bad Input,Bad\n",
         ),
-        (
-            "\ufeffTimestamp;F [N];y\r\n",
-            "28.02.2026 23:59:{second};1,5;2,5\r\n",
-            "01.03.2026 00:00:10;1,5;2,5\r\n",
-        ),
+        ("\ufeffTimestamp;F [N];y\r\n", "28.02.2026 23:59:{second};1,5;2,5\r\n", "01.03.2026 00:00:10;1,5;2,5\r\n"),
     ],
     ids=["historian with quality", "German spreadsheet"],
 )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import heated_room
@@ -12,7 +13,9 @@ from scipy.integrate import solve_ivp
 
 import aero_bayes
 from aero_bayes.data import Recording
+from aero_bayes.estimate.calibration import Calibration
 from aero_bayes.estimate.initial_states import CalibrationSettings
+from aero_bayes.estimate.simulation_error import exact_enough
 from aero_bayes.simulation.engines import open_simulator
 from aero_bayes.simulation.interface import SolverSettings
 
@@ -114,3 +117,13 @@ def test_an_interval_is_as_wide_as_what_the_solver_leaves_open(pendulum: aero_ba
     assert found.solver_shift["d"] > 1.0
     assert damping.q05 < DAMPING < damping.q95
     assert damping.q95 - damping.q05 < 10.0 * abs(damping.value - DAMPING)
+
+
+def test_a_fit_is_done_again_until_the_solver_moves_no_parameter(pendulum: aero_bayes.Model) -> None:
+    def again(other: Calibration, fit: aero_bayes.Fit) -> aero_bayes.Fit:
+        return fitted(swing(), pendulum, other.solver.relative_tolerance)
+
+    found = exact_enough(fitted(swing(), pendulum, 1e-6), again, partial(open_simulator, workers=0), None)
+    assert found.calibration.solver.relative_tolerance < 1e-6
+    assert max(found.solver_shift.values()) < 0.5
+    assert found["d"].q05 < DAMPING < found["d"].q95

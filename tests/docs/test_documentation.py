@@ -75,12 +75,7 @@ def test_the_tutorials_commands_find_the_friction(cart: Path):
 @pytest.mark.long
 @pytest.mark.parametrize(
     "page",
-    [
-        "docs/howto/model.md",
-        "docs/howto/data.md",
-        "docs/howto/fmu.md",
-        "docs/howto/recordings.md",
-    ],
+    ["docs/howto/model.md", "docs/howto/data.md", "docs/howto/fmu.md", "docs/howto/recordings.md"],
 )
 def test_commands_of_the_how_to_pages_run(page: str, cart: Path):
     commands = blocks(page, "bash")

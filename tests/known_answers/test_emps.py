@@ -49,10 +49,7 @@ def record(rng: np.random.Generator, rate: float = 250.0, steps: int = 40) -> Re
         "emps",
         time,
         {"q_ref": asked},
-        {
-            "q": position + 1e-5 * rng.standard_normal(time.size),
-            "V": voltage + 0.01 * rng.standard_normal(time.size),
-        },
+        {"q": position + 1e-5 * rng.standard_normal(time.size), "V": voltage + 0.01 * rng.standard_normal(time.size)},
     )
 
 

@@ -46,16 +46,7 @@ equation
 end Arm;
 """
 TIME = np.linspace(0.0, 8.0, 401)
-STATIC = (
-    "curve",
-    "dead_zone",
-    "dead_zone_by_side",
-    "gain",
-    "offset",
-    "saturation",
-    "saturation_by_side",
-    "square_law",
-)
+STATIC = ("curve", "dead_zone", "dead_zone_by_side", "gain", "offset", "saturation", "saturation_by_side", "square_law")
 
 
 @pytest.fixture(scope="module")

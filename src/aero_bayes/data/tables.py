@@ -228,11 +228,7 @@ READERS = {
     ".feather": ("read_feather", "parquet"),
 }
 #: Suffixes of tables that are not read, and what to do instead.
-REFUSED = {
-    ".xls": "save it as .xlsx or CSV",
-    ".ods": "save it as .xlsx or CSV",
-    ".pkl": "write it as CSV or Parquet",
-}
+REFUSED = {".xls": "save it as .xlsx or CSV", ".ods": "save it as .xlsx or CSV", ".pkl": "write it as CSV or Parquet"}
 #: Rows of a sheet in which its table is looked for.
 MOST_ROWS = 200
 

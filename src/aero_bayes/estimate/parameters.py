@@ -323,11 +323,7 @@ GivenParameter = (
 ChosenParameters = ParameterSet | str | Sequence[str] | Mapping[str, GivenParameter]
 
 
-def chosen_parameters(
-    model: Model,
-    chosen: ChosenParameters,
-    known: Mapping[str, ParameterSpec],
-) -> ParameterSet:
+def chosen_parameters(model: Model, chosen: ChosenParameters, known: Mapping[str, ParameterSpec]) -> ParameterSet:
     """Return the parameters to search, as a caller names them."""
     if isinstance(chosen, ParameterSet):
         return chosen

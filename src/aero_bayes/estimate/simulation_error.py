@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Callable, Collection
 from contextlib import suppress
 from dataclasses import replace
 
@@ -11,6 +11,7 @@ import numpy as np
 from aero_bayes.arrays import FloatArray
 from aero_bayes.errors import CannotFinishError, InputError
 from aero_bayes.estimate.calibration import Calibration
+from aero_bayes.estimate.diagnosis import MAX_SHIFT
 from aero_bayes.estimate.local_fit import OpenSimulator
 from aero_bayes.estimate.noise_estimation import whiten
 from aero_bayes.estimate.objective import objective_of
@@ -25,6 +26,8 @@ from aero_bayes.simulation.model import Model
 
 #: The tolerances of the second run, as a share of the problem's own.
 TIGHTER = 0.1
+#: Times that a fit is done again at tighter tolerances: from 1e-6 to 1e-8, below which few simulations differ.
+MOST_TIGHTENED = 2
 #: The widths of roundings in the second run. What a rounding changes is proportional to its width, or to a higher power
 #: of it, so that a third as much is left at a quarter of it at most.
 SHARPER = 0.25
@@ -76,9 +79,7 @@ def with_simulation_error(fit: Fit, open_simulator: OpenSimulator, sharper: Mode
     calibration = fit.calibration
     if calibration.process is not None:
         return fit
-    usual = calibration.solver
-    relative, absolute = TIGHTER * usual.relative_tolerance, TIGHTER * usual.absolute_tolerance
-    exact = replace(calibration, solver=replace(usual, relative_tolerance=relative, absolute_tolerance=absolute))
+    exact = _tighter(calibration)
     moved = _moved_outputs(fit, exact, open_simulator)
     sizes = {}
     for k, output in enumerate(calibration.data.outputs):
@@ -97,6 +98,28 @@ def with_simulation_error(fit: Fit, open_simulator: OpenSimulator, sharper: Mode
     wider = replace(fit.laplace, covariance=covariance)
     rounding = shifts[1] if len(shifts) > 1 else {}
     return replace(fit, solver_difference=sizes, solver_shift=shifts[0], rounding_shift=rounding, laplace=wider)
+
+
+def exact_enough(
+    fit: Fit, fitted_again: Callable[[Calibration, Fit], Fit], open_simulator: OpenSimulator, sharper: Model | None
+) -> Fit:
+    """Return :func:`with_simulation_error`, fitted at tighter tolerances as long as these move a parameter."""
+    for _ in range(MOST_TIGHTENED):
+        found = with_simulation_error(fit, open_simulator, sharper)
+        if max(found.solver_shift.values(), default=0.0) <= MAX_SHIFT:
+            return found
+        try:
+            fit = fitted_again(_tighter(fit.calibration), fit)
+        except CannotFinishError:
+            return found
+    return with_simulation_error(fit, open_simulator, sharper)
+
+
+def _tighter(calibration: Calibration) -> Calibration:
+    """Return the calibration at tighter tolerances."""
+    solver = calibration.solver
+    relative, absolute = TIGHTER * solver.relative_tolerance, TIGHTER * solver.absolute_tolerance
+    return replace(calibration, solver=replace(solver, relative_tolerance=relative, absolute_tolerance=absolute))
 
 
 def _narrower(calibration: Calibration, sharper: Model | None) -> Calibration | None:

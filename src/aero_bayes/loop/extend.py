@@ -6,11 +6,13 @@ import math
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Literal
 
 import numpy as np
 
 from aero_bayes.errors import CannotFinishError
+from aero_bayes.estimate.calibration import Calibration
 from aero_bayes.estimate.identifiability import Estimate
 from aero_bayes.estimate.input_noise import asked_again
 from aero_bayes.estimate.parameters import Parameter
@@ -18,7 +20,7 @@ from aero_bayes.estimate.predict_recordings import Prediction
 from aero_bayes.estimate.residual_tests import ResidualReport, check_residuals
 from aero_bayes.estimate.result import Fit
 from aero_bayes.estimate.simulate import MIN_LOG_LIKELIHOOD_GAIN, with_interpolation
-from aero_bayes.estimate.simulation_error import sharper_model, with_simulation_error
+from aero_bayes.estimate.simulation_error import exact_enough, sharper_model
 from aero_bayes.loop.decide import ClaimKind, Decision
 from aero_bayes.loop.first_fit import SEARCHED, FirstFit, LoopContext, refitted
 from aero_bayes.loop.search import Search
@@ -133,7 +135,7 @@ def extend(context: LoopContext, first: FirstFit, search: Search, decision: Deci
         fit = again if _lost(search, decision.model, again) < lost else fit
     sharper = sharper_model(model) if written is None else written.sharper
     started = {state for p in added for state in p.starts}
-    fit = asked_again(with_simulation_error(fit, context.open, sharper), started, context.open)
+    fit = asked_again(exact_enough(fit, partial(_fitted_again, context), context.open, sharper), started, context.open)
     calibration = fit.calibration
     if written is not None:
         # The search's values are where the last fit began.
@@ -175,18 +177,17 @@ def _read_likelier(context: LoopContext, fit: Fit) -> Fit:
     for name, how in fit.calibration.data.interpolation.items():
         other = with_interpolation(fit.calibration, {name: "hold" if how == "linear" else "linear"})
         with suppress(CannotFinishError):
-            found = refitted(context, other, fit.values, replace(fit.optimum, free=fit.free))
+            found = _fitted_again(context, other, fit)
             fit = found if found.log_likelihood > fit.log_likelihood + MIN_LOG_LIKELIHOOD_GAIN else fit
     return fit
 
 
+def _fitted_again(context: LoopContext, other: Calibration, fit: Fit) -> Fit:
+    return refitted(context, other, fit.values, replace(fit.optimum, free=fit.free))
+
+
 def _effect(
-    context: LoopContext,
-    table: Table,
-    decision: Decision,
-    id_: str,
-    names: list[str],
-    fit: Fit,
+    context: LoopContext, table: Table, decision: Decision, id_: str, names: list[str], fit: Fit
 ) -> FoundEffect:
     """What is said of a term in the model that came out."""
     over = context.family.curves().get(id_, "")

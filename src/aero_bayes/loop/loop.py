@@ -130,11 +130,7 @@ def close_loop(
     # Simulations occupy the cores: BLAS threads for small matrices would fight them, and sum in another order.
     scratch = ScratchFolder()
     family = _family(model, settings.cache or scratch.path / "fmu", settings)
-    with (
-        threadpool_limits(limits=1, user_api="blas"),
-        WorkerPool(workers) as pool,
-        watching(progress) as watched,
-    ):
+    with threadpool_limits(limits=1, user_api="blas"), WorkerPool(workers) as pool, watching(progress) as watched:
         folder = Path(out_dir) if out_dir is not None else scratch.path
         base = family.base_model()
         if settings.parameters is None and not declared_overrides(base):

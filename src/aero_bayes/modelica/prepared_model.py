@@ -63,12 +63,7 @@ def reinit_function(
     return "\n".join([*head, *writer.lines, *lines, "    return any;", "}"])
 
 
-def store_function(
-    name: str,
-    targets: Sequence[StoredValue],
-    leaves: dict[Node, str],
-    kept: dict[Node, str],
-) -> str:
+def store_function(name: str, targets: Sequence[StoredValue], leaves: dict[Node, str], kept: dict[Node, str]) -> str:
     """Return a function that stores values; in several where it is long and they share little.
 
     The time that a compiler takes for a function grows with the square of its length."""
