@@ -126,6 +126,10 @@ def bounded_step(hessian: FloatArray, gradient: FloatArray, low: FloatArray, hig
     pinned = low == high
     step[pinned] = low[pinned]
     fixed = pinned | ((low >= 0.0) & (gradient > 0.0)) | ((high <= 0.0) & (gradient < 0.0))
+    if not fixed.any():
+        inside = -np.linalg.solve(hessian, gradient)
+        if np.all((low <= inside) & (inside <= high)):  # most steps: nothing to search for
+            return np.asarray(inside)
     for _ in range(4 * p + 4):
         free = ~fixed
         if free.any():

@@ -87,7 +87,7 @@ class MeasuredData:
             found.append(np.column_stack([recording.outputs.get(o, gap)[rows] for o in experiment.outputs]))
         return tuple(found)
 
-    @property
+    @cached_property
     def scale(self) -> FloatArray:
         """Range of each output over all recordings, shape (m,): what its errors are compared with before any fit."""
         stacked = np.concatenate(self.measured)

@@ -23,13 +23,7 @@ from aero_bayes.estimate.objective import objective_of
 from aero_bayes.estimate.outliers import outlier_rows
 from aero_bayes.estimate.parameters import ParameterSet
 from aero_bayes.estimate.result import Fit
-from aero_bayes.estimate.simulate import (
-    first_moves_in,
-    first_reading,
-    interpolation_for,
-    typical,
-    with_interpolation,
-)
+from aero_bayes.estimate.simulate import first_moves_in, first_reading, interpolation_for, typical, with_interpolation
 from aero_bayes.simulation.interface import ParameterTarget, Problem, Simulator, StartTarget
 from aero_bayes.simulation.model import Model
 

@@ -16,11 +16,7 @@ from aero_bayes.errors import InputError
 from aero_bayes.estimate.calibration import steps_taken, templates, with_step_budget
 from aero_bayes.estimate.fit import declared_overrides
 from aero_bayes.estimate.initial_states import screened
-from aero_bayes.estimate.parameters import (
-    ParameterSet,
-    ParameterSpec,
-    chosen_parameters,
-)
+from aero_bayes.estimate.parameters import ParameterSet, ParameterSpec, chosen_parameters
 from aero_bayes.estimate.result import Fit
 from aero_bayes.files import ScratchFolder
 from aero_bayes.loop.decide import ClaimKind, Decision, decide

@@ -7,13 +7,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 from aero_bayes.modelica.causalisation import ExplicitModel
-from aero_bayes.modelica.expression import (
-    Builder,
-    ExpressionWriter,
-    Node,
-    evaluate_nodes,
-    topological_order,
-)
+from aero_bayes.modelica.expression import Builder, ExpressionWriter, Node, evaluate_nodes, topological_order
 from aero_bayes.modelica.switching_surfaces import SwitchingModel, VariableLayout
 
 #: Values that a function stores at most, where it is long and can be cut.

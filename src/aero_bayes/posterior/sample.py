@@ -28,15 +28,7 @@ from aero_bayes.estimate.result import Fit, HasFit, fit_of
 from aero_bayes.estimate.target import JointTarget
 from aero_bayes.posterior.convergence import Convergence, SampleSettings
 from aero_bayes.posterior.mcmc import Chain, run_chain
-from aero_bayes.posterior.modes import (
-    ModeDraws,
-    NearestAdjustment,
-    Region,
-    mixed,
-    mode_fits,
-    mode_rows,
-    mode_shares,
-)
+from aero_bayes.posterior.modes import ModeDraws, NearestAdjustment, Region, mixed, mode_fits, mode_rows, mode_shares
 from aero_bayes.posterior.moves import WarpedStudentT
 from aero_bayes.posterior.posterior import Posterior
 from aero_bayes.progress import Progress, Watched, watching

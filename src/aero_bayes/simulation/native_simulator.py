@@ -14,14 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from aero_bayes.arrays import FloatArray
 from aero_bayes.errors import CannotFinishError, InputError
-from aero_bayes.simulation.batches import (
-    FILTER,
-    FILTER_LIKELIHOOD,
-    FILTER_STATES,
-    GAUSS_NEWTON,
-    LIKELIHOOD,
-    Batches,
-)
+from aero_bayes.simulation.batches import FILTER, FILTER_LIKELIHOOD, FILTER_STATES, GAUSS_NEWTON, LIKELIHOOD, Batches
 from aero_bayes.simulation.interface import (
     ClosedAtExit,
     Experiment,
