@@ -43,8 +43,9 @@ class Part:
 
 def span_words(begin: float | None, end: float | None) -> str:
     """Say from when to when, in s; empty for all of a recording."""
-    first = "" if begin is None else f"from {begin:.4g} s "
-    last = "on" if end is None else f"{'to' if first else 'up to'} {end:.4g} s"
+    digits = ".0f" if max(begin or 0.0, end or 0.0) >= 1e4 else ".4g"  # a day of seconds without a power of ten
+    first = "" if begin is None else f"from {begin:{digits}} s "
+    last = "on" if end is None else f"{'to' if first else 'up to'} {end:{digits}} s"
     return "" if begin is None and end is None else first + last
 
 
