@@ -107,7 +107,7 @@ def _listed(known: Sequence[Any]) -> str:
 
 def _how_near(others: Sequence[Any]) -> str:
     """Say how much worse than the chosen term the worst of those predicts that the data do not tell from it."""
-    them, ratios = "it" if len(others) == 1 else "them", [one.error_ratio or 1.0 for one in others]
+    them, ratios = others[0].id if len(others) == 1 else "them", [one.error_ratio or 1.0 for one in others]
     least, most = larger(min(ratios)), larger(max(ratios))
     told = f"from {least} to {most}" if "smaller" in least else f"at most {most}"
     return f"with {them} the error on left-out and validation readings is {most if least == most else told}"
