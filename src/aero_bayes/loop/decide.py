@@ -9,8 +9,8 @@ score is, for each output, the geometric mean of both ratios to the first model;
    curve beside other terms by a third), clearly, and each witness of that output by a tenth. No witness of any other
    output rises.
 2. A structure is *admissible* if each of its terms is material, at most one is a curve, ten training readings come on
-   each free parameter, and no structure within it validates better. Two terms may explain what neither does alone; of
-   more, some set fits by chance: they are admissible without one of them, too (heredity).
+   each free parameter, and no structure within it validates better. Two terms may explain what neither does alone;
+   three or more are admissible only if they are so without one of them (heredity), since some set fits by chance.
 3. The *size* is the smallest whose best admissible structure no larger admissible one materially beats.
 4. The *model* is the best of that size, or one as good with fewer curves, then fewer parameters.
 5. A *claim* says what may be said of a term, and changes nothing in the model. Held against it is all that does as well
@@ -104,9 +104,9 @@ def admissible(table: Table, terms: Terms, required: Terms = ()) -> bool:
     if few or sum(t in table.curves for t in own) > 1:
         return False
     within = [k for k in table.rows if set(k) < set(terms)]
-    smaller = (k for k in within if len(k) + 1 == len(terms))
-    new = len(own) > PAIR and not any(admissible(table, k, required) for k in smaller)
-    if new or any(table.validated(k) < table.validated(terms) for k in within):
+    smaller = (k for k in within if len(k) + 1 == len(terms) and set(required) <= set(k))
+    by_chance = len(own) > PAIR and not any(admissible(table, k, required) for k in smaller)
+    if by_chance or any(table.validated(k) < table.validated(terms) for k in within):
         return False
     limits = {t: MATERIAL_CURVE if t in table.curves and len(terms) > 1 else MATERIAL for t in own}
     return all(table.material(terms, table.without(terms, t), limits[t]) for t in own)

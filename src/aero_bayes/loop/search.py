@@ -327,7 +327,7 @@ class Search:
         wanted = [k for k in structures if k in self.fits and not self.fits[k].optimum.reason.converged]
         works = [partial(self.found, k, [self.fits[k].optimum.coordinates], WHOLE) for k in wanted]
         found = self._map([*works, *(partial(self._from_beginning, k) for k in begun)])
-        self.keep(dict(zip(wanted, found, strict=False)))
+        self.keep(dict(zip(wanted, found[: len(wanted)], strict=True)))
         self.keep(dict(zip(begun, found[len(wanted) :], strict=True)))
 
     def complete(self, model: Terms, part: Terms) -> None:
