@@ -153,7 +153,7 @@ def claim(table: Table, model: Terms, term: str) -> Claim:
         kind = "place"
     elif all(_same_law(table, term, o) for o in other) and _stands_alone(table, model, term):
         kind = "mechanism"
-    return Claim(kind, *table.share(model, part), tuple((o, math.exp(d)) for o, d in alike.items()))
+    return Claim(kind, *table.share_of_term(model, term), tuple((o, math.exp(d)) for o, d in alike.items()))
 
 
 def _preferred(table: Table, model: Terms, term: str, other: str) -> bool:

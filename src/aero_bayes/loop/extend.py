@@ -192,17 +192,12 @@ def _effect(
     """What is said of a term in the model that came out."""
     over = context.family.curves().get(id_, "")
     claim = decision.claims.get(id_)
-    share = (
-        (claim.share, claim.share_sd, claim.share_of)
-        if claim
-        else table.share(decision.model, table.without(decision.model, id_))
-    )
     others = claim.alternatives if claim is not None else ()
     curve = _learned(context.family.basis(id_), names, fit) if over else None
     ports, known = table.ports, fit.parameters
     return FoundEffect(
         id_, ports.get(id_, ""), "free_form" if over else "catalogue", tuple(known[n] for n in names if n in known),
-        *share, claim.kind if claim is not None else None,
+        *table.share_of_term(decision.model, id_), claim.kind if claim is not None else None,
         tuple(Alternative(o, ports.get(o, ""), ratio) for o, ratio in others), context.family.describe(id_),
         over=over, looks_like=_looks_like(table, decision, id_) if over else "", curve=curve,
         tried_all=claim is None or claim.tried_all,

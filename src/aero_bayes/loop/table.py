@@ -149,6 +149,11 @@ class Table:
         drawn = self._drawn(one)[0, :, k] - self._drawn(other)[0, :, k]
         return ratio, float(np.std(np.exp(drawn))), self.outputs[k]
 
+    def share_of_term(self, terms: Terms, term: str) -> tuple[float, float, str]:
+        """:meth:`share` of a term beside exactly the others; where these were not fitted, beside the best of them."""
+        others = tuple(t for t in terms if t != term)
+        return self.share(terms, others if others in self.rows else self.without(terms, term))
+
     def without(self, terms: Terms, term: str) -> Terms:
         """The best structure within others without one of its terms; the coarser law may stand in its place."""
         kept = set(terms) - {term} | ({self.refines[term]} if term in self.refines else set())
