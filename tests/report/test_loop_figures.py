@@ -37,6 +37,6 @@ def test_a_laws_own_equations_and_documentation_are_none_of_the_models() -> None
     law = ["  model L", "  initial equation", "    z = u;", "  equation", "    der(z) = u - z;"]
     law += ["    annotation (Documentation(", '    info = "<p>It follows the input.</p>"));', "  end L;"]
     law += ["  L l(u = x);", "equation", "  y = l.z;"]
-    diff = "\n".join(["-model R", "+model R_lag", "   Real x;", *("+" + line for line in law)])
+    diff = "\n".join(["-model R", "-  Real x;", "+model R_lag", *("+" + line for line in law)])
     loop = LoopJson(outcome="extended", diff=diff, modelica_source="\n".join(["model R_lag", *law, "end R_lag;"]))
-    assert changed_equations(loop) == "<mark>y = l.z;</mark>"
+    assert re.sub("</?mark>", "", str(changed_equations(loop))) == "y = l.z;"

@@ -190,11 +190,7 @@ class _Spectrum:
         slope = self.count * (1.0 / model - self.observed / model**2)
         by_phi = drift * (-2.0 * phi * below - (1.0 - phi * phi) * (2.0 * phi - 2.0 * self.cosine)) / below**2
         gradient = np.array(
-            [
-                white * np.sum(slope),
-                drift * np.sum(slope * shape),
-                np.sum(slope * by_phi) * phi * self.interval / tau,
-            ]
+            [white * np.sum(slope), drift * np.sum(slope * shape), np.sum(slope * by_phi) * phi * self.interval / tau]
         )
         return cost, gradient
 

@@ -107,6 +107,8 @@ def curve_plate(effect: EffectJson) -> Plate | None:
 
 #: What begins a part of a class that holds no equations; the text of a documentation is none either.
 NO_EQUATIONS = ("end ", "public", "protected", "algorithm", "annotation")
+#: What begins a class. The model's own is renamed in a difference; one that is new is a law's.
+CLASS = r"(?:model|block|record|function)\s+(\w+)"
 
 
 def changed_equations(loop: LoopJson) -> Markup | None:
@@ -118,11 +120,11 @@ def changed_equations(loop: LoopJson) -> Markup | None:
         section = (section or head == "equation") and not head.startswith(NO_EQUATIONS)
         own |= {head} if section and head != "equation" else set()
     old: list[str] = []
-    found = []
+    found, renamed = [], tuple(f"{name}_" for name in re.findall(rf"(?m)^-\s*{CLASS}", loop.diff))
     for text in loop.diff.splitlines():
         kind, line = _diff_kind(text), text[1:].strip()
-        begun = re.match(r"(?:model|block|record|function)\s+(\w+)", line) if kind == "add" and not old else None
-        law = law or (begun[1] if begun else "")
+        begun = re.match(CLASS, line) if kind == "add" else None
+        law = law or (begun[1] if begun and not begun[1].startswith(renamed) else "")
         if law:
             law = "" if line == f"end {law};" else law
         elif kind == "add" and line in own and not line.startswith("//"):
