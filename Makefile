@@ -20,7 +20,6 @@ OUT     ?=
 CONFIG  ?=
 RESUME  ?=
 AIM     ?=
-SEPARATE ?=
 DURATION ?=
 AMPLIFIER ?=
 TRAVEL  ?=
@@ -64,9 +63,9 @@ loop: setup $(if $(DATA),,$(SIMULATED)/simulated.json) ## close the loop on DATA
 	$(RUN) close-loop $(foreach f,$(or $(DATA),$(SIMULATED)/train_1.csv $(SIMULATED)/train_2.csv),--train $(f)) \
 	  $(foreach f,$(or $(TEST),$(if $(DATA),,$(SIMULATED)/test_1.csv)),--test $(f)) --out $(or $(OUT),reports/loop) $(OPTIONS)
 
-design: setup $(if $(DATA),,$(SIMULATED)/simulated.json) ## the next experiment: for AIM="D_p K_sp" or SEPARATE="effect effect"
+design: setup $(if $(DATA),,$(SIMULATED)/simulated.json) ## the next experiment: for AIM="D_p K_sp"
 	$(RUN) design $(foreach f,$(or $(DATA),$(SIMULATED)/train_1.csv),--data $(f)) --out $(or $(OUT),reports/design) $(OPTIONS) \
-	  $(foreach p,$(AIM),--aim $(p)) $(if $(SEPARATE),--separate $(SEPARATE)) \
+	  $(foreach p,$(AIM),--aim $(p)) \
 	  $(if $(DURATION),--duration $(DURATION)) $(if $(AMPLIFIER),--amplifier $(AMPLIFIER)) $(foreach t,$(TRAVEL),--travel $(t))
 
 replay: setup ## the paper's Table 1 and Fig. 6

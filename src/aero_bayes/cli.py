@@ -242,7 +242,6 @@ def _travel(context: click.Context, option: click.Parameter, given: tuple[str, .
 @click.option(
     "--aim", multiple=True, metavar="PARAMETER", help="Parameter whose interval to narrow.  [default: the weak ones]"
 )
-@click.option("--separate", nargs=2, metavar="EFFECT EFFECT", help="Two effects to tell apart.")
 @click.option("--duration", type=click.FloatRange(min=0, min_open=True), default=30.0, show_default=True, help="In s.")
 @click.option("--rate", "rate_hz", type=click.FloatRange(min=0, min_open=True), help="In Hz.  [default: as recorded]")
 @click.option("--amplifier", type=click.FloatRange(min=0, min_open=True), 
@@ -251,10 +250,9 @@ def _travel(context: click.Context, option: click.Parameter, given: tuple[str, .
               help="Largest absolute value of an output (SI).  [default: as the package declares]")  # fmt: skip
 @run_options
 def design_command(data: tuple[Path, ...], options: RunOptions, **asked: Any) -> None:
-    """Propose the next experiment: the input that narrows weak parameters most, or tells two effects apart."""
+    """Propose the next experiment: the input that narrows weak parameters most."""
     from aero_bayes.commands.design import DesignOptions, run_design
 
-    asked["separate"] = asked["separate"] or None  # Click gives an empty tuple
     run_design(data, options, _taken(DesignOptions, asked))
 
 

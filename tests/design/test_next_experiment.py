@@ -14,12 +14,11 @@ from aero_bayes.estimate import Limits
 from aero_bayes.estimate.fit import fit
 from aero_bayes.estimate.information import FAMILIES, ExperimentPredictor, SearchSettings, posterior_sd
 from aero_bayes.estimate.levenberg_marquardt import FitSettings
-from aero_bayes.estimate.propose import propose_experiment, separating_experiment
-from aero_bayes.estimate.target import NoiseLayout
+from aero_bayes.estimate.propose import propose_experiment
 from aero_bayes.modelica.compilers import export_fmu
 from aero_bayes.plain import plain
 from aero_bayes.simulation.model import Model
-from simulated_rigs.designs import Levels, pulse
+from simulated_rigs.designs import pulse
 
 pytestmark = pytest.mark.fast
 
@@ -131,28 +130,3 @@ def test_mistakes_get_one_line(fitted):
         propose_experiment(fitted, limits=Limits(24.0, {"yaw": 1.0}), settings=QUICK, workers=0)
     with pytest.raises(InputError, match="positive"):
         Limits(amplifier=-1.0)
-
-
-def laplace_evidence(fit) -> float:
-    """Log-evidence of a fit, noise parameters integrated out with the rest (MacKay, 2003, chapter 27)."""
-    noise = NoiseLayout.of(fit.calibration.data, fit.noise).log_prior(fit.laplace.mean[None, fit.laplace.parameters :])
-    determinant = float(np.linalg.slogdet(fit.laplace.covariance)[1])
-    return fit.log_posterior + float(noise[0]) + 0.5 * (len(fit.laplace.mean) * np.log(2.0 * np.pi) + determinant)
-
-
-@pytest.mark.long
-@pytest.mark.slow
-def test_separating_experiment_tells_two_thrust_laws_apart(model, short_pulse, fitted, tmp_path: Path):
-    rival = Model.load(export_fmu("Aero.Systems.OneDofLinear", tmp_path / "OneDofLinear.fmu"))
-    other = fit(short_pulse, rival, settings=LOCAL, workers=0)
-    before = laplace_evidence(fitted) - laplace_evidence(other)
-    apart = separating_experiment(fitted, other, duration=6.0, settings=replace(QUICK, seed=2), workers=0)
-    assert np.max(np.abs(apart.values)) <= 24.0
-    assert apart.travel["theta"] <= 1.0
-    truth = bench.Truth((), 0.006)
-    volts = Levels(tuple(apart.time), tuple(apart.values))
-    new = bench.simulate_recording(truth, volts, bench.white(1.0), np.random.default_rng(4), duration=6.0, rate_hz=50.0)
-    both = [replace(short_pulse, name="old"), replace(new, name="new")]
-    after = [laplace_evidence(fit(both, m, settings=LOCAL, workers=0)) for m in (model, rival)]
-    assert apart.first_true > 3.0
-    assert after[0] - after[1] - before > 3.0

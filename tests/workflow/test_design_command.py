@@ -85,33 +85,10 @@ def test_weak_parameters_get_an_experiment_that_keeps_its_word(
     assert "next_experiment.csv" in page
 
 
-@pytest.mark.long
-def test_two_effects_are_told_apart(folder: Path, short: Path, config: Path) -> None:
-    pair = ["pivot_coulomb_friction", "body_quadratic_drag"]
-    out = folder / "apart"
-    result = design(
-        out, "--data", short, "--model", "Aero.Systems.OneDof", "--config", config, "--separate", *pair,
-        "--duration", 8, "--rate", 25, "--workers", 1,
-    )  # fmt: skip
-    assert result.exit_code == 0, result.output
-    plan = json.loads((out / "result.json").read_text("utf-8"))["design"]
-    assert (plan["kind"], plan["effects"]) == ("separate", pair)
-    assert plan["log_evidence"] == min(plan["first_true"], plan["second_true"])
-    assert plan["log_evidence"] > 10.0
-    assert np.allclose(np.diff(signal_of(out)[0]), 0.04)
-    assert np.max(np.abs(signal_of(out)[1])) <= 24.0
-    page = (out / "report.html").read_text("utf-8")
-    assert all(name in page for name in pair)
-
-
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
         (("--aim", "R_x"), ("R_x", "R_a")),
-        (("--aim", "R_a", "--separate", "pivot_coulomb_friction", "pitch_delay"), ("exclude",)),
-        (("--separate", "pivot_friction", "pitch_delay"), ("pivot_friction", "pivot_coulomb_friction")),
-        (("--separate", "pitch_delay", "pitch_delay"), ("different",)),
-        (("--separate", "pitch_delay", "pitch_offset"), ("Modelica",)),
         (("--travel", "yaw=1"), ("yaw", "theta")),
         (("--travel", "theta=-1"), ("theta", "positive")),
         (("--duration", "0.05"), ("fewer than ten",)),

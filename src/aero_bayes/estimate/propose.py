@@ -1,15 +1,15 @@
-"""Propose the experiment that narrows weakly identified parameters most, or separates two models of one rig.
+"""Propose the experiment that narrows weakly identified parameters most.
 
 The expected posterior of a design is Gaussian: what is known already plus the Fisher information of the new recording
 (Fedorov, 1972; Ljung, 1999, chapter 13), evaluated where the fit stands. What it is worth is the mean logarithm of
-the standard deviations it leaves over those there are; or how far the outputs of two models are apart, less what the
-parameters of one can follow of the other.
+the standard deviations it leaves over those there are.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import ClassVar
 
@@ -34,56 +34,14 @@ from aero_bayes.files import write_whole
 from aero_bayes.progress import Progress, watching
 from aero_bayes.simulation.workers import WorkerPool
 
-#: Families whose name is not what one calls their signals.
-SIGNAL_PHRASES = {
-    "binary": "a binary sequence", "square wave": "a square wave", "step and release": "a step and its release",
-    "multi-sine": "a sum of sines", "chirp": "a chirp",
-}  # fmt: skip
+#: What one calls the signals of a family.
+SIGNAL_PHRASES = {"steps": "steps", "multi-sine": "a sum of sines"}
 #: Posterior draws over which the proposal's travel must stay within its limit.
 TRAVEL_DRAWS = 16
 #: Share of the travel that the search may use at the fitted values, the rest being for what is not known.
 TRAVEL_SHARE = 0.9
-
-
-@dataclass(frozen=True, eq=False)
-class Proposal:
-    """A proposed experiment: an input by name, at ``time`` (n,) in s its ``values`` (n,) in its unit, each held.
-
-    ``families`` has the best score of each kind of signal, the chosen kind first; ``travel`` the largest absolute value
-    of each output that has a limit."""
-
-    input: str
-    time: FloatArray
-    values: FloatArray
-    families: Mapping[str, float]
-    travel: Mapping[str, float]
-    limits: Limits
-    seed: int
-
-    @property
-    def family(self) -> str:
-        return next(iter(self.families))
-
-    @property
-    def duration(self) -> float:
-        """Length in s."""
-        return float(self.time[-1] - self.time[0])
-
-    @property
-    def in_words(self) -> str:
-        """Length and kind of the signal."""
-        return f"{self.duration:g} s of {SIGNAL_PHRASES.get(self.family, self.family)}"
-
-    @property
-    def table(self) -> dict[str, FloatArray]:
-        """Times (k,) at which the input changes, and its values (k,) from then on."""
-        at = np.flatnonzero(np.diff(self.values, prepend=np.nan) != 0.0)
-        return {"time": self.time[at], self.input: self.values[at]}
-
-    def write_csv(self, path: Path | str) -> Path:
-        """Write ``time`` and the input at every sample, as a recording has them; whole or not at all."""
-        rows = [f"time,{self.input}"] + [f"{t:.9g},{v:.6g}" for t, v in zip(self.time, self.values, strict=True)]
-        return write_whole(Path(path), "\n".join(rows) + "\n")
+#: Halvings of the largest input, at most, where no signal stays within the travel.
+MOST_HALVINGS = 8
 
 
 @dataclass(frozen=True)
@@ -109,12 +67,47 @@ class ExpectedParameter:
 
 
 @dataclass(frozen=True, eq=False)
-class Design(Proposal):
-    """A proposed experiment that narrows parameters."""
+class Design:
+    """A proposed experiment: an input by name, at ``time`` (n,) in s its ``values`` (n,) in its unit, each held.
+
+    ``families`` has the best score of each kind of signal, the chosen kind first; ``travel`` the largest absolute value
+    of each output that has a limit."""
 
     JSON_KEYS: ClassVar = "input family families duration rate_hz gain travel limits seed parameters table"
 
+    input: str
+    time: FloatArray
+    values: FloatArray
+    families: Mapping[str, float]
+    travel: Mapping[str, float]
+    limits: Limits
+    seed: int
     expected: tuple[ExpectedParameter, ...]
+
+    @property
+    def family(self) -> str:
+        return next(iter(self.families))
+
+    @property
+    def duration(self) -> float:
+        """Length in s."""
+        return float(self.time[-1] - self.time[0])
+
+    @property
+    def in_words(self) -> str:
+        """Length and kind of the signal."""
+        return f"{self.duration:g} s of {SIGNAL_PHRASES[self.family]}"
+
+    @property
+    def table(self) -> dict[str, FloatArray]:
+        """Times (k,) at which the input changes, and its values (k,) from then on."""
+        at = np.flatnonzero(np.diff(self.values, prepend=np.nan) != 0.0)
+        return {"time": self.time[at], self.input: self.values[at]}
+
+    def write_csv(self, path: Path | str) -> Path:
+        """Write ``time`` and the input at every sample, as a recording has them; whole or not at all."""
+        rows = [f"time,{self.input}"] + [f"{t:.9g},{v:.6g}" for t, v in zip(self.time, self.values, strict=True)]
+        return write_whole(Path(path), "\n".join(rows) + "\n")
 
     @property
     def rate_hz(self) -> float:
@@ -146,24 +139,6 @@ class Design(Proposal):
         ]  # fmt: skip
         head = ("parameter", "value", "unit", "sd now", "sd after", "times narrower")
         return table_html(head, rows, f"next experiment: {self.family}, {self.time[-1]:g} s, * aimed at")
-
-
-@dataclass(frozen=True, eq=False)
-class Separation(Proposal):
-    """A proposed experiment that separates two models.
-
-    ``first_true`` and ``second_true`` are expected differences in log-evidence in favour of the true one; below about
-    three, the experiment is not worth making. ``families`` has the best such difference of each kind of signal."""
-
-    JSON_KEYS: ClassVar = "input family families duration log_evidence first_true second_true travel limits seed table"
-
-    first_true: float
-    second_true: float
-
-    @property
-    def log_evidence(self) -> float:
-        """Expected difference in log-evidence, whichever model is true."""
-        return min(self.first_true, self.second_true)
 
 
 def propose_experiment(
@@ -231,13 +206,13 @@ def _narrowing(
 
     def score(signals: Sequence[FloatArray]) -> FloatArray:
         """Compute the mean logarithm of the targets' standard deviations after over before."""
-        predicted = predictor.predict([predictor.limits.amplifier * s for s in signals])
+        predicted = predictor.predict(signals)
         spreads = [
             posterior_sd(known + p.information) if p and _allowed(p, predictor.limits) else None for p in predicted
         ]
         return np.array([np.inf if sd is None else float(np.mean(np.log(sd[aimed] / before[aimed]))) for sd in spreads])
 
-    families, values, travel = _best_input((predictor,), score, settings, progress)
+    families, values, travel = _best_input(predictor, score, settings, progress)
     proposed, same = predictor.predict([values, _present(predictor)])
     if proposed is None:
         raise CannotFinishError("the proposed experiment could not be simulated")
@@ -254,64 +229,8 @@ def _narrowing(
     )
 
 
-def separating_experiment(
-    first: Fit,
-    second: Fit,
-    *,
-    duration: float = 30.0,
-    rate_hz: float | None = None,
-    limits: Limits | None = None,
-    settings: SearchSettings | None = None,
-    workers: int | None = None,
-    progress: Progress | None = None,
-) -> Separation:
-    """Return the input signal within given limits that separates two models of one rig best."""
-    if first.outputs != second.outputs:
-        raise InputError(f"the two fits are of different outputs: {first.outputs} and {second.outputs}")
-    limits, settings = limits or default_limits(first), settings or SearchSettings()
-    time = _sample_times(first, duration, rate_hz)
-    with WorkerPool(workers) as pool:
-        a, b = (ExperimentPredictor(fit, time, limits, settings.engine, workers, pool) for fit in (first, second))
-        known = (a.precision(), b.precision())
-
-        def both(signals: Sequence[FloatArray]) -> list[tuple[float, float]]:
-            """Compute the expected log-evidence for each model if it is true; minus infinity out of travel."""
-            return [
-                (
-                    _unexplained(b, known[1], p.outputs - q.outputs, q),
-                    _unexplained(a, known[0], q.outputs - p.outputs, p),
-                )
-                if p and q and _allowed(p, limits) and _allowed(q, limits)
-                else (-np.inf, -np.inf)
-                for p, q in zip(a.predict(signals), b.predict(signals), strict=True)
-            ]
-
-        def score(signals: Sequence[FloatArray]) -> FloatArray:
-            return -np.array([min(pair) for pair in both([limits.amplifier * s for s in signals])])
-
-        families, values, travel = _best_input((a, b), score, settings, progress)
-        gains = {name: -score for name, score in families.items()}
-        return Separation(a.input, time, values, gains, travel, limits, settings.seed, *both([values])[0])
-
-
-def _unexplained(
-    rival: ExperimentPredictor, known: FloatArray, difference: FloatArray, own: PredictedExperiment
-) -> float:
-    """Compute half the squared norm of a whitened difference (n, m), less the part that the other model can explain."""
-    columns = own.sensitivities if rival.delay is not None else own.sensitivities[:, :, :-1]
-    p = known.shape[0]
-    leeway = np.zeros((columns.shape[2],) * 2)
-    leeway[:p, :p] = known
-    if rival.delay is not None:
-        leeway[-1, -1] = rival.delay_precision
-    square = float(rival.gram(difference[:, :, None], difference[:, :, None])[0, 0])
-    follow = rival.gram(columns, difference[:, :, None])[:, 0]
-    moved = np.linalg.solve(rival.gram(columns, columns) + leeway, follow)
-    return 0.5 * max(square - float(follow @ moved), 0.0)
-
-
 def expected_outputs(
-    proposal: Proposal, fit: Fit, settings: SearchSettings, workers: int | None
+    proposal: Design, fit: Fit, settings: SearchSettings, workers: int | None
 ) -> dict[str, FloatArray]:
     """Return what a fit expects of a proposal, without sensor noise: 5 %, 50 % and 95 % (3, n) over its posterior."""
     predictor = ExperimentPredictor(fit, proposal.time, proposal.limits, settings.engine, workers)
@@ -347,19 +266,25 @@ def _allowed(predicted: PredictedExperiment, limits: Limits) -> bool:
 
 
 def _best_input(
-    predictors: Sequence[ExperimentPredictor], score: Score, settings: SearchSettings, progress: Progress | None
+    predictor: ExperimentPredictor, score: Score, settings: SearchSettings, progress: Progress | None
 ) -> tuple[dict[str, float], FloatArray, dict[str, float]]:
-    """Return the score of each kind of signal, best first; the best input, within the travel of all; and its travel."""
-    rng, limits = np.random.default_rng(settings.seed), predictors[0].limits
+    """Return the score of each kind of signal, best first; the best input, within the travel; and its travel."""
+    rng, size = np.random.default_rng(settings.seed), predictor.limits.amplifier
     with watching(progress) as watched:
-        found = best_signals(score, predictors[0].full_time, rng, settings, watched)
+        for _ in range(MOST_HALVINGS):
+            found = best_signals(partial(_of_size, score, size), predictor.full_time, rng, settings, watched)
+            if np.isfinite(found[0].score) or watched.asked_to_end:
+                break
+            size *= 0.5
     if not np.isfinite(found[0].score):
         raise CannotFinishError("no candidate experiment stays within the travel; allow more of it")
-    values, travel = limits.amplifier * found[0].values, dict.fromkeys(limits.travel, 0.0)
-    for predictor in predictors:
-        values, own = _within_travel(predictor, values, rng)
-        travel = {name: max(most, own[name]) for name, most in travel.items()}
+    values, travel = _within_travel(predictor, size * found[0].values, rng)
     return {f.family.name: f.score for f in found}, values, travel
+
+
+def _of_size(score: Score, size: float, signals: Sequence[FloatArray]) -> FloatArray:
+    """Score signals within plus and minus one as inputs of a size."""
+    return score([size * values for values in signals])
 
 
 def _within_travel(

@@ -155,7 +155,7 @@ def result_of(context: LoopContext, ended: Ended, cause: DiagnosisRow | None) ->
         predicted_before=predicted, predicted_after=judged, floors=first.floors, residual_before=first.reports,
         residual_after=extended.reports if extended is not None else first.reports, steps=steps,
         shifts=shifts(first.fit, after) if effects else (), identifiability=after.identifiability, noise=after.noise,
-        errors=errors, modelica=text, modelica_path=name, diff=diff, separate=_separate(decision),
+        errors=errors, modelica=text, modelica_path=name, diff=diff,
         story=story_of(context, ended), simulations=found.total(),
         failures=sum(count for how, count in found.items() if how), seconds=dict(context.statistics.seconds),
         words={id_: context.family.describe(id_) for id_ in sorted(rivals)},
@@ -204,12 +204,3 @@ def _far_off(context: LoopContext, first: FirstFit, before: Prediction) -> bool:
         if error.rms > context.settings.max_error_ratio * least:
             return True
     return False
-
-
-def _separate(decision: Decision) -> tuple[str, ...]:
-    """How to find an experiment that tells effects apart."""
-    return tuple(
-        f"`aero-bayes design --separate {term} {claim.alternatives[0][0]}` proposes what would tell them apart."
-        for term, claim in decision.claims.items()
-        if claim.alternatives and claim.kind != "law"
-    )

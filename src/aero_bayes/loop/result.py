@@ -144,8 +144,8 @@ class LoopResult(HasPage):
         Of both models on each recording, with what was fitted of it apart from what was not.
     modelica, modelica_path, diff : str
         The extended model's source, the name of its file, and the change.
-    separate, story : tuple of str
-        Experiments that would tell equivalent effects apart, and what was done, in sentences.
+    story : tuple of str
+        What was done, in sentences.
     simulations, failures : int
     seconds : mapping of str to float
     added : tuple of Parameter
@@ -210,7 +210,6 @@ class LoopResult(HasPage):
     modelica: str
     modelica_path: str
     diff: str
-    separate: tuple[str, ...]
     story: tuple[str, ...]
     simulations: int
     failures: int
@@ -359,7 +358,7 @@ class LoopResult(HasPage):
     def to_dict(self) -> dict[str, object]:
         """Return the ``loop`` entry of result.json."""
         roles, before, after = ROLES, self.predicted_before, self.predicted_after
-        told = "outcome sentence base model equivalent limits refused blocks separate story diff simulations failures"
+        told = "outcome sentence base model equivalent limits refused blocks story diff simulations failures"
         return picked(
             self, f"{told} seconds steps errors",
             effects=[effect.to_dict(self.modelica_path) for effect in self.effects],

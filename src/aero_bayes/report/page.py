@@ -264,6 +264,6 @@ def _loop(result: RunJson, loop: LoopJson) -> list[Parts]:
     """Return what a loop tried, and what it added."""
     table = loop_figures.rounds_table(loop, result.effect_words())
     return [
-        Parts("What was tried", [*loop.story, *led("candidates", table), *loop.separate]),
+        Parts("What was tried", [*loop.story, *led("candidates", table)]),
         Parts("What was added to the Modelica model", [loop_figures.diff_text(loop)] if loop.diff else []),
     ]

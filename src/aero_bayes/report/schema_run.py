@@ -167,7 +167,6 @@ class LoopJson(JsonTable):
     shifts: dict[str, ShiftJson] = {}
     whiteness: dict[str, dict[str, dict[str, ResidualJson]]] = {}
     blocks: int = 0
-    separate: list[str] = []
     story: list[str] = []
     diff: str = ""
     modelica_source: str = ""
@@ -196,18 +195,9 @@ class DesignLimitsJson(JsonTable):
     travel: dict[str, JsonNumber] = {}
 
 
-class RivalJson(JsonTable):
-    """One of two effects to tell apart, as fitted to the present recordings."""
-
-    id: str
-    model: str = ""
-    parameters: dict[str, ParameterJson] = {}
-
-
 class DesignJson(JsonTable):
     """The proposed experiment."""
 
-    kind: Literal["narrow", "separate"] = "narrow"
     input: str
     unit: str = ""
     family: str = ""
@@ -221,12 +211,6 @@ class DesignJson(JsonTable):
     table: dict[str, list[JsonNumber]] = {}
     seed: int | None = None
     file: str = ""
-    effects: list[str] = []
-    log_posterior_now: list[JsonNumber] = []
-    models: list[RivalJson] = []
-    log_evidence: JsonNumber = None
-    first_true: JsonNumber = None
-    second_true: JsonNumber = None
 
 
 class RangeJson(JsonTable):
