@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import ctypes
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
 import pytest
+from fmpy import extract
+from fmpy.fmi2 import FMU2Model
 from small_rigs import RIGS
 
 from aero_bayes.modelica.embedded import export_embedded, export_flat
@@ -177,3 +180,35 @@ def test_the_derivative_of_an_output_is_its_own_where_a_parameter_depends_on_oth
     model = Model.load(export_embedded("Dependent", tmp_path / "d.fmu", [source]))
     _, slopes = run(model, {"k": 3.0}, here)
     np.testing.assert_allclose(slopes[:, 0, 0], 2.0 * np.exp(-TIME), rtol=1e-6)
+
+
+def test_all_derivatives_at_once_are_those_of_one_direction_each(tmp_path):
+    """Through FMPy: ``ab_columns`` of a coupled model against FMI's directional derivatives."""
+    made = family("Cart", tmp_path, RIGS / "Cart.mo")
+    model = made.with_candidates(["cubic_stiffness@v", "hysteretic_spring@v", "saturation@F", "lag@q"]).model
+    fmu = FMU2Model(
+        guid=model.guid, modelIdentifier="coupled", unzipDirectory=extract(str(model.path), str(tmp_path / "x"))
+    )
+    fmu.instantiate()
+    fmu.setReal([p.value_reference for p in model.parameters], [0.3 + 0.1 * k for k in range(len(model.parameters))])
+    fmu.setupExperiment()
+    fmu.enterInitializationMode()
+    fmu.setReal([u.value_reference for u in model.inputs], [0.7] * len(model.inputs))
+    fmu.exitInitializationMode()
+    fmu.enterContinuousTimeMode()
+    x = np.linspace(0.2, 0.5, len(model.states))
+    fmu.setContinuousStates(x.ctypes.data_as(ctypes.POINTER(ctypes.c_double)), x.size)
+    asked = [*model.derivatives, *(v.value_reference for v in model.outputs)]
+    moved = [v.value_reference for v in (*model.states, *model.inputs, *model.parameters)]
+    found = np.full((len(asked), len(moved)), np.nan)
+    unknown, known = (np.array(v, dtype=np.uint32) for v in (asked, moved))
+    call = [a.ctypes.data_as(ctypes.c_void_p) for a in (unknown, known, found)]
+    size = ctypes.c_size_t
+    assert fmu.dll.ab_columns(
+        ctypes.c_void_p(fmu.component), call[0], size(len(asked)), call[1], size(len(moved)), call[2]
+    ) == 0  # fmt: skip
+    each = np.array([fmu.getDirectionalDerivative(asked, [k], [1.0]) for k in moved]).T
+    np.testing.assert_array_equal(found, each)
+    together = fmu.getDirectionalDerivative(asked, moved, np.arange(1.0, len(moved) + 1.0).tolist())
+    np.testing.assert_allclose(found @ np.arange(1.0, len(moved) + 1.0), together, rtol=1e-12, atol=1e-12)
+    assert np.count_nonzero(found) > len(asked)

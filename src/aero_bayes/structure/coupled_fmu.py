@@ -38,6 +38,8 @@ _TAGS = {"real": "Real", "integer": "Integer", "boolean": "Boolean"}
 #: Functions that an FMU of our own exporter has whose equations hold without events, or are linear; and that of coupled
 #: ones, whose mark may hold only without operators.
 _EVENTLESS, _LINEAR, _COUPLED = b"ab_eventless", b"ab_linear", b"ab_operators_off"
+#: That of one whose derivatives are had all at once.
+_COLUMNS = b"ab_columns"
 
 
 @dataclass(frozen=True)
@@ -124,12 +126,14 @@ def couple(coupling: Coupling, out: Path) -> None:
 
 
 def _form(coupling: Coupling, parts: Mapping[str, bytes]) -> Iterator[str]:
-    """Yield flags that say which form the equations have, or those that operators leave.
+    """Yield flags that say what all parts can do, and which form the equations have, or those that operators leave.
 
     Laws without states that act on nothing but an output of the whole have no part in the equations."""
     of = {int(name[4 : name.index("/")]): data for name, data in parts.items()
           if name.endswith(this_machine().suffix) and "/resources/" not in name}  # fmt: skip
     count = len(coupling.laws) + 1
+    if len(of) == count and all(_COLUMNS in data for data in of.values()):
+        yield "-DCOLUMNS"
     if len(of) < count or not all(_EVENTLESS in data for data in of.values()):
         return
     yield "-DEVENTLESS"

@@ -191,29 +191,51 @@ fmi2Status fmi2SetString(fmi2Component c, const fmi2ValueReference vr[], size_t 
 
 /* ---- directional derivatives ---- */
 
+/* The column of the Jacobian by a variable; NULL where there is none. */
+static const double *jacobian_column(Model *m, unsigned k) {
+    if (k < AT_DX || (k >= AT_U && k < AT_P)) {
+        need_jacobian(m);
+        return group(m, JX) + (size_t)(k < AT_DX ? k : k - NX) * NROW;
+    }
+    if (k < AT_P || k >= AT_Q) return NULL;
+    need_parameter_jacobian(m);
+    return group(m, JP) + (size_t)(k - AT_P) * NROW;
+}
+/* The row of a variable in it, or -1. */
+static int jacobian_row(unsigned v) {
+    if (v >= AT_DX && v < AT_U) return (int)(v - AT_DX);
+    if (v >= AT_Y && v < NREAL) return (int)(v - AT_Y) + NX;
+    return v >= AT_Q && v < AT_Y ? (int)(v - AT_Q) + NX + INFO.ny : -1;
+}
+
+/* Not of FMI: derivatives of n variables by `columns` others at once, a row for each of the n. */
+__attribute__((visibility("default"))) fmi2Status ab_columns(fmi2Component c, const fmi2ValueReference unknown[], size_t n,
+                                                             const fmi2ValueReference known[], size_t columns,
+                                                             fmi2Real result[]) {
+    Instance *s = c;
+    if (s->m->phase == INITIALIZATION) initialise(s->m);
+    for (size_t j = 0; j < columns; j++) {
+        const double *column = jacobian_column(s->m, known[j]);
+        if (!column) return fail(s, fmi2Error, "fmi2GetDirectionalDerivative: no derivative by value reference %u", known[j]);
+        for (size_t i = 0; i < n; i++) {
+            const int row = jacobian_row(unknown[i]);
+            if (row < 0 && unknown[i] >= AT_DX)
+                return fail(s, fmi2Error, "fmi2GetDirectionalDerivative: no derivative of value reference %u", unknown[i]);
+            result[i * columns + j] = row < 0 ? unknown[i] == known[j] : column[row];
+        }
+    }
+    return fmi2OK;
+}
+
 fmi2Status fmi2GetDirectionalDerivative(fmi2Component c, const fmi2ValueReference unknown[], size_t n_unknown,
                                         const fmi2ValueReference known[], size_t n_known, const fmi2Real seed[],
                                         fmi2Real result[]) {
-    Instance *s = c;
-    Model *m = s->m;
-    if (m->phase == INITIALIZATION) initialise(m);
+    double by[n_unknown + 1];
     for (size_t i = 0; i < n_unknown; i++) result[i] = 0;
     for (size_t j = 0; j < n_known; j++) {
-        unsigned k = known[j];
-        const double *column;
-        if (k < AT_DX) { need_jacobian(m); column = group(m, JX) + (size_t)k * NROW; }
-        else if (k >= AT_U && k < AT_P) { need_jacobian(m); column = group(m, JX) + (size_t)(k - NX) * NROW; }
-        else if (k >= AT_P && k < AT_Q) { need_parameter_jacobian(m); column = group(m, JP) + (size_t)(k - AT_P) * NROW; }
-        else return fail(s, fmi2Error, "fmi2GetDirectionalDerivative: no derivative by value reference %u", k);
-        if (seed[j] == 0) continue;
-        for (size_t i = 0; i < n_unknown; i++) {
-            unsigned v = unknown[i];
-            if (v >= AT_DX && v < AT_U) result[i] += seed[j] * column[v - AT_DX];
-            else if (v >= AT_Y && v < NREAL) result[i] += seed[j] * column[v - AT_Y + NX];
-            else if (v >= AT_Q && v < AT_Y) result[i] += seed[j] * column[v - AT_Q + NX + INFO.ny];
-            else if (v < AT_DX) result[i] += v == k ? seed[j] : 0;
-            else return fail(s, fmi2Error, "fmi2GetDirectionalDerivative: no derivative of value reference %u", v);
-        }
+        const fmi2Status status = ab_columns(c, unknown, n_unknown, known + j, 1, by);
+        if (status != fmi2OK) return status;
+        for (size_t i = 0; i < n_unknown && seed[j] != 0; i++) result[i] += seed[j] * by[i];
     }
     return fmi2OK;
 }

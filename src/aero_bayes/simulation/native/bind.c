@@ -23,6 +23,7 @@ static int fmi2_bind(Fmu *f)
     FIND(get_derivatives, "GetDerivatives");
 #undef FIND
     fmu_symbol(f, "fmi2GetDirectionalDerivative", &f->directional);
+    fmu_symbol(f, "ab_columns", &f->columns);
     fmu_symbol(f, "fmi2GetInteger", &f->get_integer);
     fmu_symbol(f, "fmi2GetBoolean", &f->get_boolean);
     fmu_symbol(f, "fmi2SetInteger", &f->set_integer);

@@ -221,8 +221,9 @@ typedef struct Run {
     double *x, *x1, *f, *f1, *ft, *u, *r, *derivatives_unused, *nominal, *largest, *jac, *lu, *k, *dense;
     int *pivot;
     Sparse factors;
-    double *seed, *column, *start_value;
+    double *seed, *column, *columns, *start_value;
     fmi_reference *seed_reference, *start_reference;
+    int *known_column; /* of each variable by which derivatives are asked for: a column, or -1 less a signal */
     double *z0, *z1, *z2, *z_try, next_event;
     int time_dependent, events_seen, nominals_changed;
     int64_t taken, rejected;
@@ -276,6 +277,7 @@ int outcome_of(Fmu *, int status);
 int rhs(Run *, double t, const double *x, double *f);
 int set_point(Run *, double t, const double *x);
 int jacobian(Run *, double t, const double *x, const double *f, double *jac);
+int derivative_columns(Run *, const fmi_reference *unknown, size_t n, const fmi_reference *known, size_t m, double *out);
 int directional_column(Run *, fmi_reference known, double *column);
 int initialise(Run *);
 int read_nominals(Run *);
@@ -318,6 +320,8 @@ double first_step(Run *, double limit);
 int sensitivity_begin(Run *);
 int delay_jump(Run *, int *);
 int sensitivity_node(Run *, int node, double t, const double *x, const double *jac);
+int moving_variables(Run *, int known);
+void add_moving(const Run *, const double *by, int count, double *row);
 int sensitivity_slopes(Run *, double *b);
 double sensitivity_error(Run *, const double *v);
 double sensitivity_step(Run *, double h, double root);

@@ -100,6 +100,8 @@ int jacobian(Run *r, double t, const double *x, const double *f, double *jac)
 {
     const Problem *p = r->problem;
     const int n = r->n;
+    if (p->has_directional && r->fmu->columns)
+        return derivative_columns(r, p->derivative_reference, (size_t)n, p->state_reference, (size_t)n, jac);
     memset(jac, 0, sizeof *jac * (size_t)(n * n));
     for (int color = 0; color < p->n_colors; color++) {
         size_t known = 0;
@@ -135,11 +137,25 @@ int jacobian(Run *r, double t, const double *x, const double *f, double *jac)
     return FMI_OK;
 }
 
+/* Derivatives of n variables by m others where the FMU stands: a row for each of the n. */
+int derivative_columns(Run *r, const fmi_reference *unknown, size_t n, const fmi_reference *known, size_t m, double *out)
+{
+    Fmu *f = r->fmu;
+    if (!n || !m) return FMI_OK;
+    if (f->columns) return f->columns(f->instance, unknown, n, known, m, out);
+    const double one = 1.0;
+    double column[n];
+    for (size_t k = 0; k < m; k++) {
+        const int status = f->directional(f->instance, unknown, n, &known[k], 1, &one, column);
+        if (is_error(status)) return status;
+        for (size_t i = 0; i < n; i++) out[i * m + k] = column[i];
+    }
+    return FMI_OK;
+}
+
 int directional_column(Run *r, fmi_reference known, double *column)
 {
-    const double one = 1.0;
-    return r->fmu->directional(r->fmu->instance, r->problem->derivative_reference, (size_t)r->n, &known, 1, &one,
-                               column);
+    return derivative_columns(r, r->problem->derivative_reference, (size_t)r->n, &known, 1, column);
 }
 
 /* What must be set before initialisation: held parameters, start values, this run's columns. */

@@ -71,6 +71,8 @@ typedef struct Fmu {
     int (*get_states)(fmi_component, double *, size_t), (*get_nominals)(fmi_component, double *, size_t);
     int (*directional)(fmi_component, const fmi_reference *, size_t, const fmi_reference *, size_t, const double *,
                        double *);
+    int (*columns)(fmi_component, const fmi_reference *, size_t, const fmi_reference *, size_t,
+                   double *); /* ab_columns of FMUs of our own: derivatives of several by several at once */
     int (*operators_off)(fmi_component, int); /* of coupled models only (structure/native/coupler.h) */
     int (*operator_values)(fmi_component, int, size_t, const double *, double *, size_t, const fmi_reference *,
                            double *);

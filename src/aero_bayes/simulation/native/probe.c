@@ -152,12 +152,10 @@ static int contradicted(const Trial *b, double step)
 /* What the FMU tells at every point; not OK where it refuses. The model stands at its own values. */
 static int read_directional(Run *r, const Trial *b, fmi_reference known)
 {
-    const double one = 1.0;
     for (int k = 0; k < TRUST_POINTS; k++) {
         int status = set_point(r, r->t, b->at + k * b->n);
         if (!is_error(status) && b->size)
-            status = r->fmu->directional(r->fmu->instance, b->unknown, (size_t)b->size, &known, 1, &one,
-                                         b->told + k * b->size);
+            status = derivative_columns(r, b->unknown, (size_t)b->size, &known, 1, b->told + k * b->size);
         if (is_error(status)) return status;
     }
     return FMI_OK;

@@ -96,29 +96,48 @@ int sensitivity_begin(Run *r)
     return is_error(delay_at_start(r)) ? AB_MODEL_ERROR : AB_OK;
 }
 
-/* B where the FMU stands. */
-int sensitivity_slopes(Run *r, double *b)
+/* What moves with the columns beside the states: parameters, and signals. Their references go behind the first `known` ones
+ * of r->seed_reference. Returns how many there are in all. */
+int moving_variables(Run *r, int known)
 {
-    const int n = r->n, ld = r->ld;
-    memset(b, 0, sizeof *b * (size_t)(n * ld));
+    int *column = r->known_column;
     for (int k = 0; k < r->q; k++)
         if (r->column_target[k].kind == TARGET_PARAMETER && !acts_before(r->problem, &r->column_target[k])) {
-            const int status = directional_column(r, (fmi_reference)r->column_target[k].a, r->column);
-            if (is_error(status)) return status;
-            for (int i = 0; i < n; i++) b[i * ld + k] = r->column[i];
+            r->seed_reference[known++] = (fmi_reference)r->column_target[k].a;
+            *column++ = k;
         }
     for (int signal = 0; signal < r->e->n_signals; signal++) {
         int moved = 0;
         for (int k = 0; k < r->q; k++) moved |= input_by(r, signal, k) != 0.0;
         if (!moved) continue;
-        const int status = directional_column(r, r->u_reference[signal], r->column);
-        if (is_error(status)) return status;
-        for (int k = 0; k < r->q; k++) {
-            const double by = input_by(r, signal, k);
-            for (int i = 0; by != 0.0 && i < n; i++) b[i * ld + k] += by * r->column[i];
+        r->seed_reference[known++] = r->u_reference[signal];
+        *column++ = -1 - signal;
+    }
+    return known;
+}
+
+/* Adds to a row over the columns what such variables add, by the derivatives by them. */
+void add_moving(const Run *r, const double *by, int count, double *row)
+{
+    for (int j = 0; j < count; j++) {
+        const int column = r->known_column[j];
+        if (column >= 0) row[column] += by[j];
+        for (int k = 0; column < 0 && k < r->q; k++) {
+            const double moved = input_by(r, -1 - column, k);
+            if (moved != 0.0) row[k] += moved * by[j];
         }
     }
-    return FMI_OK;
+}
+
+/* B where the FMU stands. */
+int sensitivity_slopes(Run *r, double *b)
+{
+    const int n = r->n, ld = r->ld, count = moving_variables(r, 0);
+    memset(b, 0, sizeof *b * (size_t)(n * ld));
+    const int status = derivative_columns(r, r->problem->derivative_reference, (size_t)n, r->seed_reference, (size_t)count,
+                                          r->columns);
+    for (int i = 0; i < n && !is_error(status); i++) add_moving(r, r->columns + i * count, count, b + i * ld);
+    return status;
 }
 
 /* A and B at one of the four points; the FMU stands at (t, x) already. jac is a known A, or NULL. */

@@ -244,31 +244,18 @@ int read_values(Run *r, double t, const double *x, double *y, int64_t stride)
     return FMI_OK;
 }
 
-/* dy/dp where the FMU stands: y_x S + y_p + y_u u_p, one call a column; the row of output o to to[o * stride]. */
-static int read_sensitivities(Run *r, const double *s, double *to, int64_t stride)
+/* The same as read_sensitivities where the FMU has no function for all columns at once. */
+static int read_one_by_one(Run *r, const double *s, int known, double *to, int64_t stride)
 {
     const Experiment *e = r->e;
-    const int n = r->n;
     for (int k = 0; k < r->q; k++) {
-        const Target *target = &r->column_target[k];
-        int known = n;
-        for (int i = 0; i < n; i++) {
-            r->seed_reference[i] = r->problem->state_reference[i];
-            r->seed[i] = s[i * r->ld + k];
-        }
-        if (target->kind == TARGET_PARAMETER) {
-            r->seed_reference[known] = (fmi_reference)target->a;
-            r->seed[known++] = 1.0;
-        }
-        for (int i = 0; i < e->n_signals; i++) {
-            const double by = input_by(r, i, k);
-            if (by == 0.0) continue;
-            r->seed_reference[known] = r->u_reference[i];
-            r->seed[known++] = by;
-        }
         int moves = 0;
-        for (int i = 0; i < known; i++) moves |= r->seed[i] != 0.0;
-        if (!moves) memset(r->other, 0, sizeof *r->other * (size_t)r->n_other);
+        for (int j = 0; j < known; j++) {
+            const int column = j < r->n ? 0 : r->known_column[j - r->n];
+            r->seed[j] = j < r->n ? s[j * r->ld + k] : column >= 0 ? column == k : input_by(r, -1 - column, k);
+            moves |= r->seed[j] != 0.0;
+        }
+        memset(r->other, 0, sizeof *r->other * (size_t)r->n_other);
         if (r->n_other && moves) {
             const int status = r->fmu->directional(r->fmu->instance, r->other_reference, (size_t)r->n_other,
                                                    r->seed_reference, (size_t)known, r->seed, r->other);
@@ -276,6 +263,31 @@ static int read_sensitivities(Run *r, const double *s, double *to, int64_t strid
         }
         for (int64_t o = 0, next = 0; o < e->m; o++)
             if (e->output_state[o] < 0) to[o * stride + k] = e->output_kind[o] == 0 ? r->other[next++] : 0.0;
+    }
+    return FMI_OK;
+}
+
+/* dy/dp where the FMU stands: y_x S + y_p + y_u u_p; the row of output o to to[o * stride]. */
+static int read_sensitivities(Run *r, const double *s, double *to, int64_t stride)
+{
+    const Experiment *e = r->e;
+    const int n = r->n;
+    for (int i = 0; i < n; i++) r->seed_reference[i] = r->problem->state_reference[i];
+    const int known = moving_variables(r, n);
+    if (!r->fmu->columns) return read_one_by_one(r, s, known, to, stride);
+    const int status = derivative_columns(r, r->other_reference, (size_t)r->n_other, r->seed_reference, (size_t)known,
+                                          r->columns);
+    if (is_error(status)) return status;
+    const double *by = r->columns;
+    for (int64_t o = 0; o < e->m; o++) {
+        double *row = to + o * stride;
+        if (e->output_state[o] >= 0) continue;
+        memset(row, 0, sizeof *row * (size_t)r->q);
+        if (e->output_kind[o]) continue;
+        for (int i = 0; i < n; i++)
+            for (int k = 0; by[i] != 0.0 && k < r->q; k++) row[k] += by[i] * s[i * r->ld + k];
+        add_moving(r, by + n, known - n, row);
+        by += known;
     }
     return FMI_OK;
 }

@@ -16,8 +16,9 @@ static void lay_out(Run *r, Arena *a)
     r->pivot = PART(int, n);
     r->factors.start = PART(int, 2 * n + 1), r->factors.col = PART(int, n * n);
     r->factors.val = REALS(n * n), r->factors.diagonal = REALS(n);
-    r->seed = REALS(n + inputs + 1);
-    r->seed_reference = PART(fmi_reference, n + inputs + 1);
+    r->seed = REALS(n + inputs + q + 1);
+    r->seed_reference = PART(fmi_reference, n + inputs + q + 1), r->known_column = PART(int, inputs + q);
+    r->columns = REALS((n + m) * (n + inputs + q));
     const size_t starts = (size_t)(problem->n_fixed + e->n_known) + (size_t)e->n_start + columns + 1;
     r->start_value = REALS(starts);
     r->start_reference = PART(fmi_reference, starts);

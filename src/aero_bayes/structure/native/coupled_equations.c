@@ -74,62 +74,91 @@ FMI int fmi2GetDerivatives(fmi_component c, double *v, size_t n)
     return get_all_derivatives(c, v, n);
 }
 
-/* ---- directional derivatives ---- */
+/* ---- derivatives in several directions at once ---- */
 
-static void add_seed(Part *p, fmi_reference reference, double seed)
+static int make_room(CoupledFmu *s, int width)
 {
-    if (seed == 0.0) return;
-    p->known[p->n_known] = reference;
-    p->seed[p->n_known++] = seed;
+    const size_t room = (size_t)s->most_rows * (size_t)(s->most_rows + width);
+    s->width = width;
+    for (int k = 0; k < s->n_parts; k++) s->part[k].n_known = s->part[k].n_own = 0;
+    if (room <= s->room) return FMI_OK;
+    free(s->tangent), free(s->set), free(s->block);
+    s->tangent = malloc(sizeof *s->tangent * room), s->set = malloc(sizeof *s->set * room);
+    s->block = malloc(sizeof *s->block * room);
+    s->room = s->tangent && s->set && s->block ? room : 0;
+    return s->room ? FMI_OK : FMI_ERROR;
 }
 
-/* The same where an earlier transfer may have set it. */
-static void set_seed(Part *p, fmi_reference reference, double seed)
+/* The derivative of variables of a part in the one direction that is asked for. */
+static int part_derivative(const CoupledFmu *s, const Part *p, const fmi_reference *unknown, size_t n, double *out)
 {
-    for (size_t i = 0; i < p->n_known; i++)
-        if (p->known[i] == reference) {
-            p->seed[i] = seed;
-            return;
-        }
-    add_seed(p, reference, seed);
-}
-
-static int part_derivative(const Part *p, const fmi_reference *unknown, size_t n, double *out)
-{
-    memset(out, 0, sizeof *out * n);
-    if (!n || !p->n_known) return FMI_OK;
     if (!p->fmu->directional) return FMI_ERROR;
-    return p->fmu->directional(p->c, unknown, n, p->known, p->n_known, p->seed, out);
+    double *seed = s->block;
+    for (size_t k = 0; k < p->n_known; k++) seed[k] = k < p->n_own ? p->seed[k] : s->set[p->column[k]];
+    return p->fmu->directional(p->c, unknown, n, p->known, p->n_known, seed, out);
 }
 
-static int propagate_tangents(CoupledFmu *s, int transfers)
+/* Rows of derivatives of variables of a part in all directions. */
+static int part_rows(const CoupledFmu *s, const Part *p, const fmi_reference *unknown, size_t n, double *out)
 {
-    for (int j = 0; j < transfers; j++) {
-        const Transfer *o = &s->transfer[j];
-        Part *p = &s->part[o->part];
-        if (p->off) {
-            pass_input(s, o, s->tangent);
-            continue;
-        }
-        if (!o->sets) TRY(part_derivative(p, o->reference, o->n, s->tangent + o->slot));
-        for (size_t i = 0; o->sets && i < o->n; i++) {
-            double sum = 0.0;
-            for (int k = o->first[i]; k < o->first[i + 1]; k++) sum += o->gain[k] * s->tangent[o->source[k]];
-            set_seed(p, o->reference[i], sum);
+    const size_t width = (size_t)s->width;
+    memset(out, 0, sizeof *out * n * width);
+    if (!n || !p->n_known) return FMI_OK;
+    if (!p->fmu->columns) return part_derivative(s, p, unknown, n, out);
+    TRY(p->fmu->columns(p->c, unknown, n, p->known, p->n_known, s->block));
+    for (size_t i = 0; i < n; i++, out += width) {
+        const double *by = s->block + i * p->n_known;
+        for (size_t k = 0; k < p->n_own; k++) out[p->column[k]] += p->seed[k] * by[k];
+        for (size_t k = p->n_own; k < p->n_known; k++) {
+            const double *row = s->set + p->column[k];
+            for (size_t j = 0; by[k] != 0.0 && j < width; j++) out[j] += by[k] * row[j];
         }
     }
     return FMI_OK;
 }
 
-FMI int fmi2GetDirectionalDerivative(fmi_component c, const fmi_reference unknown[], size_t n_unknown,
-                                     const fmi_reference known[], size_t n_known, const double seed[], double out[])
+/* Sets an input of a part, which an earlier transfer may have set. Inputs that do not move count not. */
+static void set_input(CoupledFmu *s, Part *p, const Transfer *o, size_t i, int *used)
 {
-    CoupledFmu *s = c;
-    const size_t passed = (size_t)(s->n_inputs + s->part[0].nx);
-    memset(s->tangent, 0, sizeof *s->tangent * passed);
-    for (int k = 0; k < s->n_parts; k++) s->part[k].n_known = 0;
+    double *row = s->set + *used;
+    int moves = 0;
+    memset(row, 0, sizeof *row * (size_t)s->width);
+    for (int k = o->first[i]; k < o->first[i + 1]; k++)
+        for (int j = 0; j < s->width; j++) row[j] += o->gain[k] * s->tangent[o->source[k] * s->width + j];
+    for (int j = 0; j < s->width; j++) moves |= row[j] != 0.0;
+    size_t at = p->n_own;
+    while (at < p->n_known && p->known[at] != o->reference[i]) at++;
+    if (!moves && at == p->n_known) return;
+    p->n_known += at == p->n_known;
+    p->known[at] = o->reference[i];
+    p->column[at] = *used;
+    *used += s->width;
+}
+
+static int propagate_tangents(CoupledFmu *s, int transfers)
+{
+    int used = 0;
+    for (int j = 0; j < transfers; j++) {
+        const Transfer *o = &s->transfer[j];
+        Part *p = &s->part[o->part];
+        double *to = s->tangent + o->slot * s->width;
+        const size_t bytes = sizeof *to * (size_t)s->width;
+        if (!p->off && !o->sets) TRY(part_rows(s, p, o->reference, o->n, to));
+        for (size_t i = 0; p->off && !o->sets && i < o->n; i++)
+            memcpy(to + i * (size_t)s->width, s->tangent + input_of(s, o->part) * s->width, bytes);
+        for (size_t i = 0; !p->off && o->sets && i < o->n; i++) set_input(s, p, o, i, &used);
+    }
+    return FMI_OK;
+}
+
+/* Rows of derivatives of variables in all directions; variable `known[i]` moves by `seed[i]` in direction `column[i]`. */
+static int all_rows(CoupledFmu *s, const fmi_reference *unknown, size_t n, const fmi_reference *known, size_t n_known,
+                    const double *seed, double *out)
+{
+    const size_t width = (size_t)s->width;
+    memset(s->tangent, 0, sizeof *s->tangent * (size_t)(s->n_inputs + s->part[0].nx) * width);
     int ready = 0;
-    for (size_t i = 0; i < n_unknown; i++) {
+    for (size_t i = 0; i < n; i++) {
         if (unknown[i] >= (fmi_reference)s->n_variables) return FMI_ERROR;
         const Variable *v = &s->variable[unknown[i]];
         if (v->n && s->part[v->part[0]].ready > ready) ready = s->part[v->part[0]].ready;
@@ -138,27 +167,52 @@ FMI int fmi2GetDirectionalDerivative(fmi_component c, const fmi_reference unknow
     for (size_t i = 0; i < n_known; i++) {
         if (known[i] >= (fmi_reference)s->n_variables) return FMI_ERROR;
         const Variable *v = &s->variable[known[i]];
-        if (v->slot >= 0) s->tangent[v->slot] += seed[i];
-        for (int k = 0; k < v->n; k++) add_seed(&s->part[v->part[k]], v->reference[k], seed[i]);
+        const size_t column = width > 1 ? i : 0;
+        const double moved = seed ? seed[i] : 1.0;
+        if (v->slot >= 0) s->tangent[(size_t)v->slot * width + column] += moved;
+        for (int k = 0; k < v->n && moved != 0.0; k++) {
+            Part *p = &s->part[v->part[k]];
+            p->known[p->n_own] = v->reference[k], p->column[p->n_own] = (int)column, p->seed[p->n_own] = moved;
+            p->n_known = ++p->n_own;
+        }
     }
     TRY(propagate_tangents(s, ready));
-    fmi_reference asked[n_unknown + 1];
-    double found[n_unknown + 1];
-    for (size_t i = 0; i < n_unknown;) { /* variables of one part that follow one another are asked for at once */
+    fmi_reference asked[n + 1];
+    for (size_t i = 0; i < n;) { /* variables of one part that follow one another are asked for at once */
         const Variable *v = &s->variable[unknown[i]];
         if (v->slot >= 0 || !v->n) {
-            out[i++] = v->slot >= 0 ? s->tangent[v->slot] : 0.0;
+            if (v->slot >= 0)
+                memcpy(out + i * width, s->tangent + (size_t)v->slot * width, sizeof *out * width);
+            else
+                memset(out + i * width, 0, sizeof *out * width);
+            i++;
             continue;
         }
         const size_t first = i;
         const int part = v->part[0];
-        for (; i < n_unknown; i++) {
+        for (; i < n; i++) {
             v = &s->variable[unknown[i]];
             if (v->slot >= 0 || !v->n || v->part[0] != part) break;
             asked[i - first] = v->reference[0];
         }
-        TRY(part_derivative(&s->part[part], asked, i - first, found));
-        memcpy(out + first, found, sizeof *out * (i - first));
+        TRY(part_rows(s, &s->part[part], asked, i - first, out + first * width));
     }
     return FMI_OK;
 }
+
+FMI int fmi2GetDirectionalDerivative(fmi_component c, const fmi_reference unknown[], size_t n_unknown,
+                                     const fmi_reference known[], size_t n_known, const double seed[], double out[])
+{
+    TRY(make_room(c, 1));
+    return all_rows(c, unknown, n_unknown, known, n_known, seed, out);
+}
+
+#ifdef COLUMNS
+/* Not of FMI: derivatives of n variables by m others at once, a row for each of the n. All parts have such a function. */
+FMI int ab_columns(fmi_component c, const fmi_reference unknown[], size_t n, const fmi_reference known[], size_t m,
+                   double out[])
+{
+    TRY(make_room(c, (int)m));
+    return all_rows(c, unknown, n, known, m, NULL, out);
+}
+#endif

@@ -17,17 +17,11 @@ static char *path_of_uri(const char *uri)
     return path;
 }
 
-/* The input on which a law acts. */
-static int input_of(const CoupledFmu *s, int part)
+int input_of(const CoupledFmu *s, int part)
 {
     int k = 0;
     while (s->operators[k].part != part) k++;
     return s->operators[k].input;
-}
-
-void pass_input(const CoupledFmu *s, const Transfer *o, double *to)
-{
-    for (size_t i = 0; i < o->n && !o->sets; i++) to[o->slot + (int)i] = to[input_of(s, o->part)];
 }
 
 static int pass_on(CoupledFmu *s, int k)
@@ -35,7 +29,7 @@ static int pass_on(CoupledFmu *s, int k)
     const Transfer *o = &s->transfer[k];
     const Part *p = &s->part[o->part];
     if (p->off) {
-        pass_input(s, o, s->slot);
+        for (size_t i = 0; i < o->n && !o->sets; i++) s->slot[o->slot + (int)i] = s->slot[input_of(s, o->part)];
         return FMI_OK;
     }
     if (!o->sets) {
@@ -100,14 +94,15 @@ FMI void fmi2FreeInstance(fmi_component c)
         if (p->c) p->fmu->free_instance(p->c);
         if (p->fmu) fmu_shut(p->fmu);
         free(p->guid), free(p->resources), free(p->state), free(p->given), free(p->given_value), free(p->nominal),
-            free(p->known), free(p->seed);
+            free(p->known), free(p->column), free(p->seed);
     }
     for (int k = 0; k < s->n_transfers; k++) {
         Transfer *o = &s->transfer[k];
         free(o->reference), free(o->first), free(o->source), free(o->gain), free(o->value);
     }
     for (int k = 0; k < s->n_variables; k++) free(s->variable[k].part), free(s->variable[k].reference);
-    free(s->part), free(s->transfer), free(s->variable), free(s->operators), free(s->start), free(s->slot), free(s->tangent);
+    free(s->part), free(s->transfer), free(s->variable), free(s->operators), free(s->start), free(s->slot);
+    free(s->tangent), free(s->set), free(s->block);
     free(s->late_start);
     free(s->has_late_start);
     free(s->late_start_value);

@@ -43,9 +43,10 @@ typedef struct {
     double *given_value;
     int n_nominals; /* of its states, where the FMU's own do not count */
     double *nominal;
-    size_t n_known; /* by what a directional derivative is asked for */
+    size_t n_known, n_own; /* variables by which derivatives are asked for: first those that are seeds themselves */
     fmi_reference *known;
-    double *seed;
+    int *column;  /* of a seed; of an input that is set, where its row of tangents begins */
+    double *seed; /* of a seed */
 } Part;
 
 typedef struct {
@@ -78,7 +79,11 @@ typedef struct {
     Variable *variable;
     Operator *operators;
     double *start;                    /* of the inputs */
-    double *slot, *tangent;           /* values, and their derivatives in a direction */
+    double *slot;
+    int width;                        /* directions of derivatives that are found at once */
+    double *tangent, *set, *block;    /* derivatives of slots and of inputs that are set, a row each; those of a part */
+    size_t room;                      /* for how many numbers each has room */
+    int most_rows;                    /* of each, and of what a part is asked for and by */
     int *late_start, *has_late_start; /* states of the base whose start value is set once the model runs; if they have one */
     double *late_start_value, *rates;
     int phase, done, knows_states; /* done: transfers that hold at this instant */
@@ -98,7 +103,7 @@ int read_coupling(CoupledFmu *s, const char *folder);
 /* Passes values on until so many transfers hold at this instant. */
 int propagate(CoupledFmu *s, int transfers);
 
-/* Values, or tangents, of what a transfer would get from a law that is switched off: those of its input. */
-void pass_input(const CoupledFmu *s, const Transfer *o, double *to);
+/* The input on which a law acts. */
+int input_of(const CoupledFmu *s, int part);
 
 #endif

@@ -122,7 +122,6 @@ int read_coupling(CoupledFmu *s, const char *folder)
     s->transfer = calloc((size_t)n_transfers + 1, sizeof *s->transfer);
     s->variable = calloc((size_t)n_variables + 1, sizeof *s->variable);
     s->slot = calloc((size_t)s->n_slots + 1, sizeof *s->slot);
-    s->tangent = calloc((size_t)s->n_slots + 1, sizeof *s->tangent);
     s->start = calloc((size_t)s->n_inputs + 1, sizeof *s->start);
     for (int i = 0; i < s->n_inputs; i++) s->start[i] = real(f, &broken);
     for (; s->n_parts < n_parts && !broken; s->n_parts++) read_part(f, &s->part[s->n_parts], folder, &broken);
@@ -152,8 +151,12 @@ int read_coupling(CoupledFmu *s, const char *folder)
     }
     for (int k = 0; k < s->n_parts; k++) {
         s->part[k].known = calloc(most, sizeof *s->part[k].known);
+        s->part[k].column = calloc(most, sizeof *s->part[k].column);
         s->part[k].seed = calloc(most, sizeof *s->part[k].seed);
     }
+    s->most_rows = s->n_slots + 1;
+    for (int k = 0; k < s->n_parts; k++) s->most_rows += s->part[k].nx;
+    s->most_rows += (int)most;
     fclose(f);
     return broken;
 }
