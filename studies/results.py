@@ -29,7 +29,7 @@ SPEED = {
     "sensitivities_over_plain": ("cost of a run with sensitivities over a plain one", "≤ 5"),
 }
 #: Rigs that README shows, and the marks between which its table stands.
-SHOWN = ("aero_pulse", "battery", "coastdown", "silverbox", "tank2006", "whiffle")
+SHOWN = ("aero_pulse", "battery", "coastdown", "coil", "silverbox", "tank2006", "tclab", "whiffle")
 MARKS = ("<!-- results -->\n", "<!-- end of results -->\n")
 
 
