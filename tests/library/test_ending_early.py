@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import signal
 import sys
+from collections.abc import Iterator
 from itertools import pairwise
 from types import SimpleNamespace
 from typing import Any
@@ -69,6 +70,15 @@ def test_the_share_of_a_loop_moves_with_its_work_and_never_falls(cart: SimpleNam
     assert max(b - a for a, b in pairwise(told)) <= 0.5  # its search found one term of two
 
 
+@pytest.fixture
+def heard() -> Iterator[None]:
+    """Interrupts are heard, also by what a shell in the background started, which ignores them."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
+@pytest.mark.usefixtures("heard")
 def test_the_first_interrupt_in_a_notebook_is_noted_and_the_second_acts(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -84,6 +94,7 @@ def test_the_first_interrupt_in_a_notebook_is_noted_and_the_second_acts(
     assert "swarm" in capsys.readouterr().err
 
 
+@pytest.mark.usefixtures("heard")
 def test_outside_notebooks_an_interrupt_acts_at_once() -> None:
     with pytest.raises(KeyboardInterrupt), watching(None):
         signal.raise_signal(signal.SIGINT)
