@@ -67,8 +67,6 @@ class PredictedExperiment:
 
     information: FloatArray
     travel: Mapping[str, float]
-    outputs: FloatArray
-    sensitivities: FloatArray
 
 
 class ExperimentPredictor:
@@ -165,29 +163,19 @@ class ExperimentPredictor:
         ]
 
     def _predicted(self, outputs: FloatArray, sensitivities: FloatArray) -> PredictedExperiment:
-        joint = self.gram(sensitivities, sensitivities)
+        joint = self._gram(sensitivities)
         information = joint[:-1, :-1]
         if self.delay is not None:
-            own = joint[-1, -1] + self.delay_precision
+            sd = float(ParameterSet((self.delay,)).prior_sd()[0]) * (self.delay.upper - self.delay.lower)
+            own = joint[-1, -1] + 1.0 / sd**2  # the prior's
             information = information - np.outer(joint[:-1, -1], joint[-1, :-1]) / own
         travel = {n: float(np.max(np.abs(outputs[:, self.outputs.index(n)]))) for n in self.limits.travel}
-        return PredictedExperiment(information, travel, outputs, sensitivities)
+        return PredictedExperiment(information, travel)
 
-    def gram(self, left: FloatArray, right: FloatArray) -> FloatArray:
-        """Multiply columns, weighed by the noise of the measured outputs: (n, m, a) with (n, m, b) to (a, b)."""
-        total = np.zeros((left.shape[2], right.shape[2]))
-        for k, noise in enumerate(self._noise):
-            rows, _ = whiten(np.concatenate((left[:, k], right[:, k]), axis=1).T, self._sampling, noise)
-            total += rows[: len(total)] @ rows[len(total) :].T
-        return total
-
-    @property
-    def delay_precision(self) -> float:
-        """Prior precision of the delay of a new recording, in 1/s^2; infinite if the fit has no delay."""
-        if self.delay is None:
-            return np.inf
-        sd = float(ParameterSet((self.delay,)).prior_sd()[0]) * (self.delay.upper - self.delay.lower)
-        return 1.0 / sd**2
+    def _gram(self, columns: FloatArray) -> FloatArray:
+        """Multiply columns (n, m, a) by each other, weighed by the noise of the measured outputs: (a, a)."""
+        whitened = (whiten(columns[:, k].T, self._sampling, noise)[0] for k, noise in enumerate(self._noise))
+        return np.asarray(sum(rows @ rows.T for rows in whitened))
 
 
 def posterior_sd(precision: FloatArray) -> FloatArray:

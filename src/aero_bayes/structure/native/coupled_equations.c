@@ -76,55 +76,63 @@ FMI int fmi2GetDerivatives(fmi_component c, double *v, size_t n)
 
 /* ---- derivatives in several directions at once ---- */
 
-static int make_room(CoupledFmu *s, int width)
+/* What a buffer holds is lost where it has to grow. */
+static int make_room(Buffer *b, size_t count)
 {
-    const size_t room = (size_t)s->most_rows * (size_t)(s->most_rows + width);
-    s->width = width;
+    if (count <= b->room) return FMI_OK;
+    free(b->v);
+    b->v = malloc(sizeof *b->v * count);
+    b->room = b->v ? count : 0;
+    return b->v ? FMI_OK : FMI_ERROR;
+}
+
+/* Nothing moves yet, in so many directions. */
+static int begin_directions(CoupledFmu *s, size_t width)
+{
+    size_t inputs = 0;
+    s->width = (int)width;
     for (int k = 0; k < s->n_parts; k++) s->part[k].n_known = s->part[k].n_own = 0;
-    if (room <= s->room) return FMI_OK;
-    free(s->tangent), free(s->set), free(s->block);
-    s->tangent = malloc(sizeof *s->tangent * room), s->set = malloc(sizeof *s->set * room);
-    s->block = malloc(sizeof *s->block * room);
-    s->room = s->tangent && s->set && s->block ? room : 0;
-    return s->room ? FMI_OK : FMI_ERROR;
+    for (int j = 0; j < s->n_transfers; j++) inputs += s->transfer[j].sets ? s->transfer[j].n : 0;
+    TRY(make_room(&s->tangent, (size_t)s->n_slots * width));
+    return make_room(&s->set, inputs * width);
 }
 
 /* The derivative of variables of a part in the one direction that is asked for. */
-static int part_derivative(const CoupledFmu *s, const Part *p, const fmi_reference *unknown, size_t n, double *out)
+static int part_derivative(const CoupledFmu *s, Part *p, const fmi_reference *unknown, size_t n, double *out)
 {
     if (!p->fmu->directional) return FMI_ERROR;
-    double *seed = s->block;
-    for (size_t k = 0; k < p->n_known; k++) seed[k] = k < p->n_own ? p->seed[k] : s->set[p->column[k]];
-    return p->fmu->directional(p->c, unknown, n, p->known, p->n_known, seed, out);
+    for (size_t k = p->n_own; k < p->n_known; k++) p->seed[k] = s->set.v[p->column[k]];
+    return p->fmu->directional(p->c, unknown, n, p->known, p->n_known, p->seed, out);
 }
 
 /* Rows of derivatives of variables of a part in all directions. */
-static int part_rows(const CoupledFmu *s, const Part *p, const fmi_reference *unknown, size_t n, double *out)
+static int part_rows(CoupledFmu *s, Part *p, const fmi_reference *unknown, size_t n, double *out)
 {
     const size_t width = (size_t)s->width;
     memset(out, 0, sizeof *out * n * width);
     if (!n || !p->n_known) return FMI_OK;
     if (!p->fmu->columns) return part_derivative(s, p, unknown, n, out);
-    TRY(p->fmu->columns(p->c, unknown, n, p->known, p->n_known, s->block));
+    TRY(make_room(&s->block, n * p->n_known));
+    TRY(p->fmu->columns(p->c, unknown, n, p->known, p->n_known, s->block.v));
     for (size_t i = 0; i < n; i++, out += width) {
-        const double *by = s->block + i * p->n_known;
+        const double *by = s->block.v + i * p->n_known;
         for (size_t k = 0; k < p->n_own; k++) out[p->column[k]] += p->seed[k] * by[k];
         for (size_t k = p->n_own; k < p->n_known; k++) {
-            const double *row = s->set + p->column[k];
+            const double *row = s->set.v + p->column[k];
             for (size_t j = 0; by[k] != 0.0 && j < width; j++) out[j] += by[k] * row[j];
         }
     }
     return FMI_OK;
 }
 
-/* Sets an input of a part, which an earlier transfer may have set. Inputs that do not move count not. */
+/* Sets an input of a part, which an earlier transfer may have set. One that does not move is left out. */
 static void set_input(CoupledFmu *s, Part *p, const Transfer *o, size_t i, int *used)
 {
-    double *row = s->set + *used;
+    double *row = s->set.v + *used;
     int moves = 0;
     memset(row, 0, sizeof *row * (size_t)s->width);
     for (int k = o->first[i]; k < o->first[i + 1]; k++)
-        for (int j = 0; j < s->width; j++) row[j] += o->gain[k] * s->tangent[o->source[k] * s->width + j];
+        for (int j = 0; j < s->width; j++) row[j] += o->gain[k] * s->tangent.v[o->source[k] * s->width + j];
     for (int j = 0; j < s->width; j++) moves |= row[j] != 0.0;
     size_t at = p->n_own;
     while (at < p->n_known && p->known[at] != o->reference[i]) at++;
@@ -141,22 +149,23 @@ static int propagate_tangents(CoupledFmu *s, int transfers)
     for (int j = 0; j < transfers; j++) {
         const Transfer *o = &s->transfer[j];
         Part *p = &s->part[o->part];
-        double *to = s->tangent + o->slot * s->width;
-        const size_t bytes = sizeof *to * (size_t)s->width;
-        if (!p->off && !o->sets) TRY(part_rows(s, p, o->reference, o->n, to));
-        for (size_t i = 0; p->off && !o->sets && i < o->n; i++)
-            memcpy(to + i * (size_t)s->width, s->tangent + input_of(s, o->part) * s->width, bytes);
-        for (size_t i = 0; !p->off && o->sets && i < o->n; i++) set_input(s, p, o, i, &used);
+        if (p->off) {
+            pass_input(s, o, s->tangent.v, s->width);
+            continue;
+        }
+        if (!o->sets) TRY(part_rows(s, p, o->reference, o->n, s->tangent.v + o->slot * s->width));
+        for (size_t i = 0; o->sets && i < o->n; i++) set_input(s, p, o, i, &used);
     }
     return FMI_OK;
 }
 
-/* Rows of derivatives of variables in all directions; variable `known[i]` moves by `seed[i]` in direction `column[i]`. */
+/* Rows of derivatives of variables. Each known variable moves by its seed, or by one: all in the one direction, or each in
+ * its own. */
 static int all_rows(CoupledFmu *s, const fmi_reference *unknown, size_t n, const fmi_reference *known, size_t n_known,
                     const double *seed, double *out)
 {
     const size_t width = (size_t)s->width;
-    memset(s->tangent, 0, sizeof *s->tangent * (size_t)(s->n_inputs + s->part[0].nx) * width);
+    memset(s->tangent.v, 0, sizeof *s->tangent.v * (size_t)(s->n_inputs + s->part[0].nx) * width);
     int ready = 0;
     for (size_t i = 0; i < n; i++) {
         if (unknown[i] >= (fmi_reference)s->n_variables) return FMI_ERROR;
@@ -169,7 +178,7 @@ static int all_rows(CoupledFmu *s, const fmi_reference *unknown, size_t n, const
         const Variable *v = &s->variable[known[i]];
         const size_t column = width > 1 ? i : 0;
         const double moved = seed ? seed[i] : 1.0;
-        if (v->slot >= 0) s->tangent[(size_t)v->slot * width + column] += moved;
+        if (v->slot >= 0) s->tangent.v[(size_t)v->slot * width + column] += moved;
         for (int k = 0; k < v->n && moved != 0.0; k++) {
             Part *p = &s->part[v->part[k]];
             p->known[p->n_own] = v->reference[k], p->column[p->n_own] = (int)column, p->seed[p->n_own] = moved;
@@ -182,7 +191,7 @@ static int all_rows(CoupledFmu *s, const fmi_reference *unknown, size_t n, const
         const Variable *v = &s->variable[unknown[i]];
         if (v->slot >= 0 || !v->n) {
             if (v->slot >= 0)
-                memcpy(out + i * width, s->tangent + (size_t)v->slot * width, sizeof *out * width);
+                memcpy(out + i * width, s->tangent.v + (size_t)v->slot * width, sizeof *out * width);
             else
                 memset(out + i * width, 0, sizeof *out * width);
             i++;
@@ -203,7 +212,7 @@ static int all_rows(CoupledFmu *s, const fmi_reference *unknown, size_t n, const
 FMI int fmi2GetDirectionalDerivative(fmi_component c, const fmi_reference unknown[], size_t n_unknown,
                                      const fmi_reference known[], size_t n_known, const double seed[], double out[])
 {
-    TRY(make_room(c, 1));
+    TRY(begin_directions(c, 1));
     return all_rows(c, unknown, n_unknown, known, n_known, seed, out);
 }
 
@@ -212,7 +221,7 @@ FMI int fmi2GetDirectionalDerivative(fmi_component c, const fmi_reference unknow
 FMI int ab_columns(fmi_component c, const fmi_reference unknown[], size_t n, const fmi_reference known[], size_t m,
                    double out[])
 {
-    TRY(make_room(c, (int)m));
+    TRY(begin_directions(c, m));
     return all_rows(c, unknown, n, known, m, NULL, out);
 }
 #endif

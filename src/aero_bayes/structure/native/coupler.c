@@ -17,11 +17,12 @@ static char *path_of_uri(const char *uri)
     return path;
 }
 
-int input_of(const CoupledFmu *s, int part)
+void pass_input(const CoupledFmu *s, const Transfer *o, double *to, int width)
 {
     int k = 0;
-    while (s->operators[k].part != part) k++;
-    return s->operators[k].input;
+    while (s->operators[k].part != o->part) k++;
+    for (size_t i = 0; i < o->n && !o->sets; i++)
+        memcpy(to + (o->slot + (int)i) * width, to + s->operators[k].input * width, sizeof *to * (size_t)width);
 }
 
 static int pass_on(CoupledFmu *s, int k)
@@ -29,7 +30,7 @@ static int pass_on(CoupledFmu *s, int k)
     const Transfer *o = &s->transfer[k];
     const Part *p = &s->part[o->part];
     if (p->off) {
-        for (size_t i = 0; i < o->n && !o->sets; i++) s->slot[o->slot + (int)i] = s->slot[input_of(s, o->part)];
+        pass_input(s, o, s->slot, 1);
         return FMI_OK;
     }
     if (!o->sets) {
@@ -102,7 +103,7 @@ FMI void fmi2FreeInstance(fmi_component c)
     }
     for (int k = 0; k < s->n_variables; k++) free(s->variable[k].part), free(s->variable[k].reference);
     free(s->part), free(s->transfer), free(s->variable), free(s->operators), free(s->start), free(s->slot);
-    free(s->tangent), free(s->set), free(s->block);
+    free(s->tangent.v), free(s->set.v), free(s->block.v);
     free(s->late_start);
     free(s->has_late_start);
     free(s->late_start_value);

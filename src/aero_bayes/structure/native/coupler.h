@@ -46,7 +46,7 @@ typedef struct {
     size_t n_known, n_own; /* variables by which derivatives are asked for: first those that are seeds themselves */
     fmi_reference *known;
     int *column;  /* of a seed; of an input that is set, where its row of tangents begins */
-    double *seed; /* of a seed */
+    double *seed; /* of a seed; of others where all move in one direction */
 } Part;
 
 typedef struct {
@@ -72,6 +72,12 @@ typedef struct {
     fmi_reference u, y;
 } Operator;
 
+/* Numbers, as many as were needed at once so far. */
+typedef struct {
+    double *v;
+    size_t room;
+} Buffer;
+
 typedef struct {
     int n_parts, n_inputs, n_operators, n_slots, n_transfers, n_variables;
     Part *part; /* the base is the first */
@@ -81,9 +87,7 @@ typedef struct {
     double *start;                    /* of the inputs */
     double *slot;
     int width;                        /* directions of derivatives that are found at once */
-    double *tangent, *set, *block;    /* derivatives of slots and of inputs that are set, a row each; those of a part */
-    size_t room;                      /* for how many numbers each has room */
-    int most_rows;                    /* of each, and of what a part is asked for and by */
+    Buffer tangent, set, block;       /* derivatives of slots and of inputs that are set, a row each; those of a part */
     int *late_start, *has_late_start; /* states of the base whose start value is set once the model runs; if they have one */
     double *late_start_value, *rates;
     int phase, done, knows_states; /* done: transfers that hold at this instant */
@@ -103,7 +107,7 @@ int read_coupling(CoupledFmu *s, const char *folder);
 /* Passes values on until so many transfers hold at this instant. */
 int propagate(CoupledFmu *s, int transfers);
 
-/* The input on which a law acts. */
-int input_of(const CoupledFmu *s, int part);
+/* Rows of values, or of tangents, of what a transfer would get from a law that is switched off: that of its input. */
+void pass_input(const CoupledFmu *s, const Transfer *o, double *to, int width);
 
 #endif

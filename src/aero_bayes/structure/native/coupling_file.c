@@ -154,9 +154,6 @@ int read_coupling(CoupledFmu *s, const char *folder)
         s->part[k].column = calloc(most, sizeof *s->part[k].column);
         s->part[k].seed = calloc(most, sizeof *s->part[k].seed);
     }
-    s->most_rows = s->n_slots + 1;
-    for (int k = 0; k < s->n_parts; k++) s->most_rows += s->part[k].nx;
-    s->most_rows += (int)most;
     fclose(f);
     return broken;
 }
