@@ -28,7 +28,13 @@ from fmpy.fmi3 import FMU3Model, FMU3Slave
 from aero_bayes.arrays import FloatArray
 from aero_bayes.simulation.interface import InputSignal, Outcome, Problem
 from aero_bayes.simulation.model_description import ModelDescription, Variable
-from aero_bayes.simulation.problem_checks import linear_signals, parameters_of_run, signals_of_run, value_at
+from aero_bayes.simulation.problem_checks import (
+    linear_signals,
+    parameters_of_run,
+    signal_values,
+    signals_of_run,
+    value_at,
+)
 from aero_bayes.simulation.worker_group import LoadError
 from aero_bayes.simulation.worker_main import JOB_WORDS, NOT_LOADED, SPENT
 
@@ -244,36 +250,37 @@ class CosimulationRuns:
         fmu.setupExperiment(startTime=float(samples[0]))
         for name, value in parameters_of_run(problem, number, values).items():
             fmu.setReal([model.parameter(name).value_reference], [value])
-        self._apply(fmu, signals, float(samples[0]), float(samples[0]))
+        inputs = [model.input(signal.name) for signal in signals]
+        for signal, variable in zip(signals, inputs, strict=True):
+            set_input(fmu, variable, value_at(signal, float(samples[0]), float(samples[0])))
         fmu.enterInitializationMode()
         fmu.exitInitializationMode()
-        variables = [model.output(name) for name in experiment.outputs]
         get = {"real": fmu.getReal, "integer": fmu.getInteger, "boolean": fmu.getBoolean}
+        readings = [(get[v.kind], [v.value_reference]) for v in map(model.output, experiment.outputs)]
         if model.takes_any_step:
             points, times = communication_points(samples, signals, self.substeps)
         else:
             points = equal_steps(samples, model.step_size or experiment.interval)
             times = 0.5 * (points[1:] + points[:-1])
         read = np.isin(points, samples) if model.takes_any_step else np.ones(points.size, dtype=bool)
-        slopes = () if model.takes_any_step or not model.interpolates_inputs else linear_signals(signals)
-        out = np.empty((points.size, len(variables)))
-        for k, t in enumerate(points):
+        begins, lengths = points[:-1], np.diff(points)
+        held = [signal_values(s, times if s.interpolation == "linear" else begins).tolist() for s in signals]
+        slopes = []
+        for signal in () if model.takes_any_step or not model.interpolates_inputs else linear_signals(signals):
+            starts, ends = signal_values(signal, begins), signal_values(signal, points[1:])
+            slopes.append(([model.input(signal.name).value_reference], starts, (ends - starts) / lengths))
+        out = np.empty((points.size, len(readings)))
+        for k in range(points.size):
             if read[k]:
-                out[k] = [float(get[v.kind]([v.value_reference])[0]) for v in variables]
+                out[k] = [float(reading(reference)[0]) for reading, reference in readings]
             if k + 1 < points.size:
-                begin, step = float(t), float(points[k + 1] - t)
-                self._apply(fmu, signals, float(times[k]), begin)
-                for signal in slopes:
-                    reference = [model.input(signal.name).value_reference]
-                    start, end = value_at(signal, begin, begin), value_at(signal, begin + step, begin)
-                    fmu.setReal(reference, [start])
-                    fmu.setRealInputDerivatives(reference, [1], [(end - start) / step])
-                fmu.doStep(begin, step)
+                for variable, values_held in zip(inputs, held, strict=True):
+                    set_input(fmu, variable, values_held[k])
+                for reference, starts, rises in slopes:
+                    fmu.setReal(reference, [starts[k]])
+                    fmu.setRealInputDerivatives(reference, [1], [rises[k]])
+                fmu.doStep(float(begins[k]), float(lengths[k]))
         return np.column_stack([np.interp(samples, points[read], y) for y in out[read].T])
-
-    def _apply(self, fmu: Any, signals: tuple[InputSignal, ...], t: float, segment: float) -> None:
-        for signal in signals:
-            set_input(fmu, self.problem.model.input(signal.name), value_at(signal, t, segment))
 
 
 class CosimulationEngine:
