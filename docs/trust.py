@@ -35,7 +35,9 @@ ROWS = {
         Row("engine, events and loops", "CVode through FMPy", "simulation/engine_agrees", "cvode"),
         Row("laws of the library", "closed forms by hand", "laws/laws"),
         Row("laws attached to a model", "the same laws in its equations", "laws/attach", "attached"),
+        Row("laws attached to models of rigs", "the same laws, written", "laws/attached_rigs"),
         Row("laws written as Modelica", "the same laws in the flat model", "laws/write"),
+        Row("FMUs that do as other tools' do", "FMPy, SciPy, closed forms", "simulation/other_tools"),
         Row("FMUs from the standard library", "closed forms and recorded runs", "export/standard_library"),
     ),
     "Uncertainty": (

@@ -67,7 +67,7 @@ TOLERANCES = (1e-2, 0.3)
 #: First number of the seeds of the report.
 REPORT = 44302
 #: Trials with a fault, and as many without.
-COUNT = 300
+COUNT = 100
 #: The rig of a trial is drawn anew where its fault makes no sense: the angle of the pendulum is the only one.
 MAX_DRAWS = 100
 #: Rows of a recording, so that a trial takes about a second.

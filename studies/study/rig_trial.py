@@ -23,7 +23,7 @@ from study.answers import claims_law, close_loop, same_as, unseen
 from study.study import Row, Study, Tasks, Told, keyed, number, quantile, rate, rate_cells, rate_of
 
 #: Trials of each kind of rig.
-COUNTS = {"law": 18, "none": 20, "pair": 4, "outside": 4}
+COUNTS = {"law": 4, "none": 3, "pair": 1, "outside": 1}
 
 
 def joined_connectors(source: str) -> list[set[str]]:

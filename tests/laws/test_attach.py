@@ -101,6 +101,18 @@ def test_an_attached_law_is_the_law_in_the_equations(rig, ids, here, tmp_path, t
     trust("attached", assert_equal(run(offer.model, given, here), run(written, given, here)))
 
 
+@pytest.mark.parametrize("ids", [["dead_zone@F", "rate_limit@F", "lag@F"], ["gain@q", "saturation@q", "lag@q"]])
+def test_laws_at_one_signal_are_written_as_attached_in_whatever_order_they_are_named(ids, here, tmp_path):
+    found = family("Cart", tmp_path, RIGS / "Cart.mo")
+    given = values_of(found, ids)
+    attached = run(found.with_candidates(ids).model, given, here)[0]
+    for k, order in enumerate((ids, ids[::-1])):
+        written = found.extend(order, given, tmp_path / f"written{k}")
+        there = {new: given[old] for pairs in written.names.values() for old, new in pairs if old in given}
+        for name, y in run(written.model, there, here)[0].items():
+            np.testing.assert_allclose(y, attached[name], atol=1e-6 * np.abs(y).max())
+
+
 def test_laws_in_replaceable_models_are_attached_at_each_component(here, tmp_path):
     """Both motors have the law: one parameter, two copies of it."""
     base = "Aero.Systems.OneDof"

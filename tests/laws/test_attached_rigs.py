@@ -52,10 +52,12 @@ def test_the_attached_model_is_the_written_one(name, here, tmp_path):
     candidates = found.places.candidates_for(None)
     for placed in place_laws(candidates, found.places.taken_names(), {}):
         found.placed[placed.id] = placed
-    by_port: dict[str, str] = {}
+    every: dict[str, list[str]] = {}
     for id_, placed in found.placed.items():
         if not placed.law.curve_input and not any(word in id_ for word in KINKS):
-            by_port.setdefault(placed.port.id, id_)
+            every.setdefault(placed.port.id, []).append(id_)
+    # From rig to rig another law at each port, so that all have their turn.
+    by_port = {port: laws[(k + NAMES.index(name)) % len(laws)] for k, (port, laws) in enumerate(every.items())}
     # The text adds a force to an output behind a law of its reading, the attached model before it.
     ids = [id_ for port, id_ in by_port.items() if port.removeprefix("output_") == port or port[7:] not in by_port]
     values = {

@@ -55,7 +55,7 @@ def _cell(found: CandidateJson | None, step: StepJson) -> Markup:
         return Markup(NO_VALUE)
     notes = [
         "chosen" if found.id == step.chosen else "not told from the chosen one" if found.id in step.equivalent else "",
-        "" if found.refitted else "by one Newton step",
+        "" if found.refitted else "estimated, not fitted",
     ]
     drawn = bar(0.01 * max(fall(found), 0.0), f"{found.id}: {fall_text(found)}")
     return Markup("{} {}<small>{}</small>").format(drawn, fall_text(found), "; ".join(filter(None, notes)))

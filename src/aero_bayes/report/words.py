@@ -108,7 +108,7 @@ def short_verdict(result: RunJson) -> str:
 
 def _loop_verdict(result: RunJson, loop: LoopJson) -> VerdictJson:
     flat = result.identifiability.flat
-    clear = loop.outcome != "unexplained" and not flat and not left_over(loop.errors)
+    clear = loop.outcome != "unexplained" and not [*flat, *left_over(loop.errors), *loop.notes]
     return VerdictJson(level="good" if clear else "warning", text=" ".join([loop.sentence, *flat]).strip())
 
 

@@ -28,13 +28,7 @@ from fmpy.fmi3 import FMU3Model, FMU3Slave
 from aero_bayes.arrays import FloatArray
 from aero_bayes.simulation.interface import InputSignal, Outcome, Problem
 from aero_bayes.simulation.model_description import ModelDescription, Variable
-from aero_bayes.simulation.problem_checks import (
-    linear_signals,
-    parameters_of_run,
-    signal_values,
-    signals_of_run,
-    value_at,
-)
+from aero_bayes.simulation.problem_checks import linear_signals, parameters_of_run, signal_values, signals_of_run
 from aero_bayes.simulation.worker_group import LoadError
 from aero_bayes.simulation.worker_main import JOB_WORDS, NOT_LOADED, SPENT
 
@@ -252,7 +246,7 @@ class CosimulationRuns:
             fmu.setReal([model.parameter(name).value_reference], [value])
         inputs = [model.input(signal.name) for signal in signals]
         for signal, variable in zip(signals, inputs, strict=True):
-            set_input(fmu, variable, value_at(signal, float(samples[0]), float(samples[0])))
+            set_input(fmu, variable, float(signal_values(signal, samples[0])))
         fmu.enterInitializationMode()
         fmu.exitInitializationMode()
         get = {"real": fmu.getReal, "integer": fmu.getInteger, "boolean": fmu.getBoolean}

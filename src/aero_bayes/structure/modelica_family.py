@@ -282,7 +282,7 @@ class ModelicaFamily:
 
     def with_candidates(self, ids: Collection[str]) -> ModelWithCandidates:
         """Return the model with some laws, switched off."""
-        placed_laws = self._ordered(id_ for id_ in self.placed if id_ in ids)
+        placed_laws = self._ordered(ids)
         terms = [
             (CandidateTerm(u.id, self._port_name(u), self.starts(u.id)), self.parameters(u.id))
             for u in placed_laws
@@ -379,11 +379,10 @@ class ModelicaFamily:
     def _ordered(self, ids: Iterable[str]) -> list[PlacedLaw]:
         """Return placed laws, and their twins, in the order in which they are composed.
 
-        Those in replaceable models come first, in their own order. Of the others, laws that need the derivative of a
-        reading are the innermost."""
-        places = {id_: k for k, id_ in enumerate(self.placed)}
-        inside, others = split_by_replaceable(self._sized(ids))
-        inside = sorted(inside, key=lambda u: places[u.id])
+        It is that of the candidates, whatever the order of ``ids``: of two laws at one signal the first is the inner
+        one. Those in replaceable models come first; of the others, laws that need the derivative of a reading."""
+        chosen = set(ids)
+        inside, others = split_by_replaceable(self._sized(id_ for id_ in self.placed if id_ in chosen))
         others = sorted(others, key=lambda u: not u.law.needs_derivative)
         return [*inside, *(part for placed in others for part in placed.parts)]
 

@@ -117,8 +117,11 @@ class SignalWriter:
                 self.target.replacements[c.name] = self._apart(c, ACTING_SUFFIX)
             given, inner = self.target.sources, name.replace(c.name, self.target.replacements[c.name], 1)
         if given.get(inner, name) != name:
-            # chain: the existing law reads the new law's output
-            self.target.instances[given[inner].removesuffix(".y")][1]["u"] = f"{placed.instance}.y"
+            # chain: the law that reads the signal so far reads the new law's output
+            reader = given[inner]
+            while (read := self.target.instances[reader.removesuffix(".y")][1])["u"] != name:
+                reader = read["u"]
+            read["u"] = f"{placed.instance}.y"
         else:
             given[inner] = f"{placed.instance}.y"
 
