@@ -32,7 +32,7 @@ MIN_MOVE = 0.005
 #: Why a parameter has no interval whose derivative is none.
 NO_DERIVATIVE = "no interval: the model switches, and its differences over a small step and a large one do not agree"
 #: Note of a parameter whose interval a rounding makes.
-ROUNDED = "most of its interval comes from how the model rounds a corner, as that of friction at rest"
+ROUNDED = "most of its interval comes from the rounding of a corner in the model, as that of friction at rest"
 #: Note of a parameter that a known fault of the data moves.
 BIASED = "the noise of an input biases it: its interval holds for an input without"
 #: Notes of an interval without an upper and without a lower end, to be filled with ``(q05, q95, lower, upper)``.
