@@ -28,7 +28,7 @@ from aero_bayes.estimate.swarm import SwarmSettings
 from aero_bayes.simulation.interface import SolverSettings
 from simulated_rigs.kinds import KINDS
 from simulated_rigs.trial import DEVELOPMENT, RigTrial, draw_rig_trial
-from study.study import Row, Study, Tasks, Told, keyed, percent, rate_cells, rate_of
+from study.study import Row, Study, Tasks, Told, keyed, rate_cells, rate_of
 
 #: Each kind of fault, with the cause that a diagnosis has to name.
 FAULTS: Mapping[str, str] = {
@@ -368,11 +368,11 @@ def summary(rows: Sequence[Row]) -> Row:
 def table(found: Mapping[str, Any]) -> Told:
     """Write the rates over all kinds of faults, and which kinds are missed most."""
     worst = [
-        f"{kind['what']} {percent(kind['share'])} of {kind['trials']}"
+        f"{kind['what']} {round(kind['share'] * kind['trials'])} of {kind['trials']}"
         for kind in found["kinds"]
         if kind["share"] is not None and kind["share"] < 0.9
     ]
-    return f"Named less often than 90 %: {', '.join(worst) or 'none'}.", rate_cells(found["rates"])
+    return f"Kinds named in less than 90 % of their trials: {', '.join(worst) or 'none'}.", rate_cells(found["rates"])
 
 
 STUDY = Study(

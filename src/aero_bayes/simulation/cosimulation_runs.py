@@ -258,7 +258,7 @@ class CosimulationRuns:
             times = 0.5 * (points[1:] + points[:-1])
         read = np.isin(points, samples) if model.takes_any_step else np.ones(points.size, dtype=bool)
         begins, lengths = points[:-1], np.diff(points)
-        held = [signal_values(s, times if s.interpolation == "linear" else begins).tolist() for s in signals]
+        acting = [signal_values(s, times if s.interpolation == "linear" else begins).tolist() for s in signals]
         slopes = []
         for signal in () if model.takes_any_step or not model.interpolates_inputs else linear_signals(signals):
             starts, ends = signal_values(signal, begins), signal_values(signal, points[1:])
@@ -268,8 +268,8 @@ class CosimulationRuns:
             if read[k]:
                 out[k] = [float(reading(reference)[0]) for reading, reference in readings]
             if k + 1 < points.size:
-                for variable, values_held in zip(inputs, held, strict=True):
-                    set_input(fmu, variable, values_held[k])
+                for variable, of_steps in zip(inputs, acting, strict=True):
+                    set_input(fmu, variable, of_steps[k])
                 for reference, starts, rises in slopes:
                     fmu.setReal(reference, [starts[k]])
                     fmu.setRealInputDerivatives(reference, [1], [rises[k]])

@@ -381,8 +381,8 @@ class ModelicaFamily:
 
         It is that of the candidates, whatever the order of ``ids``: of two laws at one signal the first is the inner
         one. Those in replaceable models come first; of the others, laws that need the derivative of a reading."""
-        chosen = set(ids)
-        inside, others = split_by_replaceable(self._sized(id_ for id_ in self.placed if id_ in chosen))
+        places = {id_: k for k, id_ in enumerate(self.placed)}
+        inside, others = split_by_replaceable(self._sized(sorted(ids, key=places.__getitem__)))
         others = sorted(others, key=lambda u: not u.law.needs_derivative)
         return [*inside, *(part for placed in others for part in placed.parts)]
 

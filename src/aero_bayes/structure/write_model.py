@@ -110,19 +110,13 @@ class SignalWriter:
     def write_at_input(self, placed: PlacedLaw) -> None:
         name = placed.port.signals["u"]
         c = self._declared(name)
-        self._declare(placed, name)
+        first = self._declare_in_chain(placed, name)
         given, inner = self.target.replacements, name
         if c.name != name:
             if c.name not in self.target.replacements:
                 self.target.replacements[c.name] = self._apart(c, ACTING_SUFFIX)
             given, inner = self.target.sources, name.replace(c.name, self.target.replacements[c.name], 1)
-        if given.get(inner, name) != name:
-            # chain: the law that reads the signal so far reads the new law's output
-            reader = given[inner]
-            while (read := self.target.instances[reader.removesuffix(".y")][1])["u"] != name:
-                reader = read["u"]
-            read["u"] = f"{placed.instance}.y"
-        else:
+        if first:
             given[inner] = f"{placed.instance}.y"
 
     def write_at_signal(self, placed: PlacedLaw) -> None:
@@ -135,14 +129,18 @@ class SignalWriter:
         if len(connects) != 1:
             raise InputError(f"{self.target.cls.full_name}: no one connection to {name!r} stands in the class")
         ((statement, source),) = connects
-        mine = [
-            u.instance for u in self.target.placed_laws if u.port.attachment == "signal" and u.port.signals["u"] == name
-        ]
-        # each is given what the next one gives, the last one what was connected
-        given = dict(zip(mine, [*(f"{next_}.y" for next_ in mine[1:]), source], strict=True))
-        self._declare(placed, given[placed.instance])
-        if placed.instance == mine[0]:
+        if self._declare_in_chain(placed, source):
             self.target.edits.append(TextEdit(statement.start, statement.end, f"{name} = {placed.instance}.y;"))
+
+    def _declare_in_chain(self, placed: PlacedLaw, source: str) -> bool:
+        """Declare a law at a signal: it acts on what the next law there gives, the last one on the source.
+
+        Return whether it is the first, whose output the model reads."""
+        at, name = placed.port.attachment, placed.port.signals["u"]
+        mine = [u for u in self.target.placed_laws if u.port.attachment == at and u.port.signals["u"] == name]
+        k = [u.instance for u in mine].index(placed.instance)
+        self._declare(placed, f"{mine[k + 1].instance}.y" if k + 1 < len(mine) else source)
+        return k == 0
 
     def _declare(self, placed: PlacedLaw, acted_on: str) -> None:
         """Declare a law that acts on a signal, and reads others; an output with a law of its own is read without it."""
