@@ -166,7 +166,7 @@ def test_full_resolution_is_reached_by_zooming(loop: Browser, runs: Path) -> Non
     show(loop, STACK)
     for _ in range(6):
         press(loop, STACK, "+")
-    # presses are drawn in frames of their own: the first may be there before the last one is drawn
+        until(loop, f"!look.still({STACK})")  # with its series, so that the next one is drawn at once
     until(loop, f"!look.still({STACK}) && Math.max(...look.ticks({STACK})) - Math.min(...look.ticks({STACK})) < 1.5")
     with np.load(runs / "loop" / "series.npz") as series:
         time, speed = series["time/train"], series["measured/train/omega_m"]
