@@ -50,10 +50,10 @@ class Figure {
   }
   get range() { return this.link.range ?? this.home; }
   async refresh() {
-    const { range, cursor } = this.link, key = range ? `${range}` : "", [low, high] = this.range;
-    this.bar.querySelector(".back").disabled = range === null;
+    this.bar.querySelector(".back").disabled = this.link.range === null;
     if (!this.visible) return;
-    if (key !== this.drawn || cursor !== null) await (this.ready ??= Promise.all(this.panels.map((p) => p.load())));
+    if (`${this.link.range ?? ""}` !== this.drawn || this.link.cursor !== null) await (this.ready ??= Promise.all(this.panels.map((p) => p.load())));
+    const { range, cursor } = this.link, key = `${range ?? ""}`, [low, high] = this.range;  // as they are once the series are loaded
     if (key !== this.drawn) {
       this.drawn = key;
       const columns = Math.round(this.svg.getBoundingClientRect().width) || WIDTH;
