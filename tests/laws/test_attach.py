@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ctypes
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -61,6 +62,7 @@ def run(model: Model, given: dict[str, float], pool: WorkerPool, level: float = 
     )
     experiment = Experiment(TIME, tuple(v.name for v in model.outputs), inputs)
     targets = tuple(map(ParameterTarget, given))
+    model = replace(model, relay=None)  # as written: rounded
     problem = Problem(model, (experiment,), (targets,), settings=SolverSettings(1e-9, 1e-9, 100_000, 30.0))
     with open_simulator(problem, pool=pool) as simulator:
         found = simulator.simulate(np.array([[*given.values()]]), active=range(len(given)))

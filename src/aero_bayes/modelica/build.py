@@ -140,7 +140,7 @@ def _compile_library(source: str, identifier: str) -> bytes:
     """Compile a generated model and link it to the runtime."""
     command = c_compiler()
     flags = [*_FLAGS, "-O2", *_LINK, "-Wl,--version-script=names.map", f"-I{_NATIVE}"]
-    shown = "{ global: fmi2*; ab_columns; ab_eventless; ab_linear; local: *; };\n"
+    shown = "{ global: fmi2*; ab_columns; ab_eventless; ab_linear; ab_linear_held; local: *; };\n"
     name = f"{identifier}.c"
     sources = {"names.map": shown.encode(), "runtime.o": _runtime(command), name: source.encode()}
     arguments = ["-fPIC", *flags, "-o", f"{identifier}.so", name, "runtime.o", "-lm"]

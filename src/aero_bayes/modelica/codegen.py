@@ -26,6 +26,8 @@ from aero_bayes.modelica.prepared_model import (
 from aero_bayes.modelica.switching_surfaces import SwitchingModel, VariableLayout
 
 #: Operations in linear equations; steps such as ``sign`` have a derivative without symbols too.
+#: Inputs of a law that steps by the sign of a speed: whether its step is held, and at which value.
+HELD, GIVEN = "direction_held", "direction_given"
 _LINEAR = ("symbol", "add", "sub", "mul", "div", "neg")
 #: Begins a function that the engine looks for in the library.
 _MARK = '__attribute__((visibility("default"))) int'
@@ -82,6 +84,8 @@ def generate(switching: SwitchingModel, layout: VariableLayout, guid: str) -> st
         functions.append(f"{_MARK} ab_eventless(void) {{ return 1; }}")
         if _is_linear(m):
             functions.append(f"{_MARK} ab_linear(void) {{ return 1; }}")
+        elif _is_linear(m, held=True):
+            functions.append(f"{_MARK} ab_linear_held(void) {{ return 1; }}")
     names = ("set_defaults", "start", "k", *code.groups, "reinit", "violated")
     lines = [
         '#include "model.h"',
@@ -105,10 +109,17 @@ def generate(switching: SwitchingModel, layout: VariableLayout, guid: str) -> st
     return "\n".join(lines) + "\n"
 
 
-def _is_linear(m: PreparedModel) -> bool:
-    """Return whether rates and outputs are linear in states and inputs, with parameters as coefficients."""
+def _is_linear(m: PreparedModel, *, held: bool = False) -> bool:
+    """Return whether rates and outputs are linear in states and inputs, with parameters as coefficients.
+
+    ``held``: while the step of a law is, of a model that has such an input."""
     b, rows = m.builder, [*m.rates, *m.outputs]
     moving, known = frozenset([*m.states, *m.inputs]), frozenset(m.parameters)
+    if held:
+        values = {b.symbol(HELD): b.const(1.0)}
+        if not moving & values.keys():
+            return False
+        rows = [b.substitute(row, values) for row in rows]
     slopes = (b.derivative(row, s) for row in rows for s in moving & b.symbols(row))
     return (
         all(b.symbols(row) <= known | moving for row in rows)

@@ -14,13 +14,16 @@ from aero_bayes.errors import InputError
 from aero_bayes.simulation.model_description import (
     OWN_EXPORTER,
     DescribedOperator,
+    DescribedRelay,
     Kind,
     ModelDescription,
     Variable,
     outputs_named_by_states,
 )
 
-#: Where our own FMUs list laws that act on the signals of inputs, and states whose start the model fixes.
+#: Where our own FMUs list laws that act on the signals of inputs, one that may be held on a side, and states whose
+#: start the model fixes.
+_RELAY = "VendorAnnotations/Tool[@name='aero-bayes']/Relay"
 _OPERATORS = "VendorAnnotations/Tool[@name='aero-bayes']/Operator"
 _FIXED_STARTS = "VendorAnnotations/Tool[@name='aero-bayes']/FixedStarts/FixedStart"
 
@@ -317,14 +320,24 @@ def _description(path: Path, root: Element, interface: Element, three: bool) -> 
             DescribedOperator(o.get("input", ""), tuple(o.get("parameters", "").split()))
             for o in root.iterfind(_OPERATORS)
         ),
+        relay=next(map(_relay, root.iterfind(_RELAY)), None),
         fixed_starts=tuple(o.get("state", "") for o in root.iterfind(_FIXED_STARTS)),
     )
 
 
-def add_operators(root: Element, operators: Sequence[DescribedOperator]) -> None:
-    """Add operators on inputs to a description, where other tools look past them."""
-    if not operators:
+def _relay(e: Element) -> DescribedRelay:
+    states, gains = (e.get(key, "").split() for key in ("states", "gains"))
+    speed = tuple((int(s), float(gain)) for s, gain in zip(states, gains, strict=True))
+    return DescribedRelay(int(e.get("held", "")), int(e.get("direction", "")), speed)
+
+
+def add_annotations(root: Element, operators: Sequence[DescribedOperator], relay: DescribedRelay | None) -> None:
+    """Add operators on inputs and a law that may be held to a description, where other tools look past them."""
+    if not operators and relay is None:
         return
     tool = SubElement(SubElement(root, "VendorAnnotations"), "Tool", name="aero-bayes")
     for o in operators:
         SubElement(tool, "Operator", input=o.input, parameters=" ".join(o.parameters))
+    if relay is not None:
+        states, gains = (" ".join(map(str, part)) for part in zip(*relay.speed, strict=True))
+        SubElement(tool, "Relay", held=str(relay.held), direction=str(relay.direction), states=states, gains=gains)

@@ -126,6 +126,8 @@ class Model(ModelDescription):
         What has to be installed for the FMU to run, where it says so (``needsExecutionTool``).
     operators : tuple of DescribedOperator
         Laws that act on an input and may be applied to its signal before a run.
+    relay : DescribedRelay, optional
+        A law that steps by the sign of a speed, which a simulator may hold on a side of it.
     fixed_starts : tuple of str
         States that start where the model says (``fixed = true``), where that is known: of Modelica and our own FMUs.
     declared : PackageDeclaration

@@ -57,6 +57,17 @@ class DescribedOperator:
 
 
 @dataclass(frozen=True)
+class DescribedRelay:
+    """A law that steps by the sign of a speed and may be held on a side, by value references of its inputs for that.
+
+    ``speed`` are positions of states with factors, whose sum the speed is."""
+
+    held: int
+    direction: int
+    speed: tuple[tuple[int, float], ...]
+
+
+@dataclass(frozen=True)
 class ModelDescription:
     """An FMU on disk and what its modelDescription.xml says. The fields are those of :class:`Model`."""
 
@@ -83,6 +94,7 @@ class ModelDescription:
     step_size: float | None = None
     execution_tool: str = ""
     operators: tuple[DescribedOperator, ...] = ()
+    relay: DescribedRelay | None = None
     fixed_starts: tuple[str, ...] = ()
 
     @property

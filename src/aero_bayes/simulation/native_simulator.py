@@ -38,7 +38,7 @@ from aero_bayes.simulation.problem_checks import (
 )
 from aero_bayes.simulation.workers import WorkerPool
 
-_MAGIC = 0x414253504543000A
+_MAGIC = 0x414253504543000B
 _KINDS = {"real": 0, "integer": 1, "boolean": 2, "enumeration": 3}
 
 
@@ -180,6 +180,10 @@ def write_problem(problem: Problem, binary: Path, path: Path) -> None:
     w.integer(len(operators))
     for o in operators:
         w.integers([model.parameter(name).value_reference for name in o.parameters])
+    relay = model.relay if problem.process is None else None
+    w.integers([state for state, _ in relay.speed] if relay else [])
+    w.reals([gain for _, gain in relay.speed] if relay else [])
+    w.integer(*((relay.held, relay.direction) if relay else (0, 0)))
     w.integer(len(problem.targets[0]), len(problem.experiments))
     for experiment, row in zip(problem.experiments, problem.targets, strict=True):
         _write_experiment(w, model, experiment, row, operators)

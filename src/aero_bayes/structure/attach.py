@@ -13,6 +13,7 @@ from pathlib import Path
 
 from aero_bayes.errors import InputError
 from aero_bayes.modelica.causalisation import causalise
+from aero_bayes.modelica.codegen import HELD
 from aero_bayes.modelica.compose import attribute_value
 from aero_bayes.modelica.embedded import export_flat
 from aero_bayes.modelica.equation_system import translate
@@ -31,12 +32,14 @@ from aero_bayes.structure.coupled_fmu import (
     AttachedLaw,
     Coupling,
     InputOperator,
+    Relay,
     Setting,
     Source,
     Terms,
 )
+from aero_bayes.structure.held_step import step_of, with_held_step
 from aero_bayes.structure.law import Law
-from aero_bayes.structure.open_ports import OpenModel, effect_block
+from aero_bayes.structure.open_ports import OpenModel, effect_block, terminals
 
 #: Suffix of the input that is the derivative of another input.
 RATE_SUFFIX = "_rate"
@@ -63,10 +66,26 @@ class LawBlocks:
             join = None if place is None else place.combination
             flat = _block(law, flat) if join is None else effect_block(flat, join)
             try:
-                self._exported[key] = self._export(_simplified(_with_fitted(flat, law)), f"{law.kind}_{law.id}")
+                flat = _simplified(with_held_step(_with_fitted(flat, law), law))
+                self._exported[key] = self._export(flat, f"{law.kind}_{law.id}")
             except InputError as error:
                 raise AlgebraicLoopError(f"{placed.id}: {error}") from None
         return self._exported[key]
+
+    def step_input(self, placed: PlacedLaw) -> str | None:
+        """Return the input of a law's FMU by whose sign it steps, if its step may be held."""
+        if all(v.name != HELD for v in self.model(placed).inputs):
+            return None
+        law, place = placed.law, placed.port.replaceable
+        flat = self.models[law.kind, law.id]
+        step = step_of(flat, law)
+        assert step is not None
+        by = step[0].name
+        if place is None or place.combination is None:
+            return by
+        return next(
+            (name for name, member in terminals(place.combination, flat.variables).reads.items() if member == by), None
+        )
 
     def attached(self, placed: PlacedLaw, name: str, others: Mapping[str, float]) -> AttachedLaw:
         """Return the FMU of a placed law under a name, with its parameters and sizes; ``others`` are further values."""
@@ -213,8 +232,18 @@ class _Attaching:
         laws = [self._law(placed) for placed in self.placed]
         base = self.base
         return Coupling(
-            base.model, laws, self.settings, base.inputs, outputs, base.hidden, base.state_names, [*operators.values()]
-        )
+            base.model, laws, self.settings, base.inputs, outputs, base.hidden, base.state_names, [*operators.values()],
+            self._relay(),
+        )  # fmt: skip
+
+    def _relay(self) -> Relay | None:
+        """Return the first law that steps by the sign of a sum of states, and this sum."""
+        for k, placed in enumerate(self.placed):
+            name = self.blocks.step_input(placed[0])
+            terms = self._read(placed).get(name, ()) if name is not None else ()
+            if terms and all(source.part == STATE for source, _ in terms):
+                return Relay(k, terms)
+        return None
 
     def _note_operator(self, placed: Placed, operators: dict[str, InputOperator]) -> None:
         """Note a law without states that acts on a recorded signal alone, or on what such laws make of it."""

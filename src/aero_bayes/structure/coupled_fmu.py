@@ -17,10 +17,11 @@ from xml.etree import ElementTree as ET
 import aero_bayes.simulation
 from aero_bayes.errors import InputError
 from aero_bayes.modelica.build import compile_kept, this_machine, write_archive
+from aero_bayes.modelica.codegen import GIVEN, HELD
 from aero_bayes.modelica.embedded import DescribedVariable, add_variables
-from aero_bayes.simulation.fmi_description import add_operators
+from aero_bayes.simulation.fmi_description import add_annotations
 from aero_bayes.simulation.model import Model
-from aero_bayes.simulation.model_description import BINARY_FOLDERS, DescribedOperator, Variable
+from aero_bayes.simulation.model_description import BINARY_FOLDERS, DescribedOperator, DescribedRelay, Variable
 
 #: In place of a part: the source of a value is an input of the whole, or a state of the base, by its position.
 INPUT, STATE = -2, -1
@@ -35,9 +36,9 @@ _SOURCES = (
 )
 _FLAGS = ("-shared", "-s", "-Wl,--build-id=none", *_COUPLER, "bind.c", "fmi3.c", "-lm", "-ldl")
 _TAGS = {"real": "Real", "integer": "Integer", "boolean": "Boolean"}
-#: Functions that an FMU of our own exporter has whose equations hold without events, or are linear; and that of coupled
-#: ones, whose mark may hold only without operators.
-_EVENTLESS, _LINEAR, _COUPLED = b"ab_eventless", b"ab_linear", b"ab_operators_off"
+#: Functions that an FMU of our own exporter has whose equations hold without events, are linear, or are while its step
+#: is held; and that of coupled ones, whose mark may hold only without operators.
+_EVENTLESS, _LINEAR, _LINEAR_HELD, _COUPLED = b"ab_eventless", b"ab_linear\0", b"ab_linear_held", b"ab_operators_off"
 #: That of one whose derivatives are had all at once.
 _COLUMNS = b"ab_columns"
 
@@ -87,6 +88,16 @@ class InputOperator:
     input: int
 
 
+@dataclass(frozen=True)
+class Relay:
+    """A law, by its position, that steps by the sign of a speed: a sum of states of the base.
+
+    A simulator may hold it on a side, and let the model rest."""
+
+    law: int
+    speed: Terms
+
+
 @dataclass(frozen=True, eq=False)
 class Coupling:
     """A base, laws, and what their inputs are set to, in an order in which everything is known when it is needed.
@@ -102,6 +113,7 @@ class Coupling:
     hidden: frozenset[str] = frozenset()
     state_names: Sequence[str] = ()
     operators: Sequence[InputOperator] = ()
+    relay: Relay | None = None
 
 
 def couple(coupling: Coupling, out: Path) -> None:
@@ -140,8 +152,9 @@ def _form(coupling: Coupling, parts: Mapping[str, bytes]) -> Iterator[str]:
     feeding = {source.part for s in coupling.settings for source, _ in s.terms}
     behind = {k for k, law in enumerate(coupling.laws, 1) if not law.model.states and k not in feeding}
     bent = {k for k, data in of.items() if _LINEAR not in data or _COUPLED in data} - behind
-    if bent <= {law + 1 for o in coupling.operators for law in o.laws}:
-        yield f"-DLINEAR={2 if bent else 1}"
+    held = {k for k in bent if coupling.relay is not None and k == coupling.relay.law + 1 and _LINEAR_HELD in of[k]}
+    if bent - held <= {law + 1 for o in coupling.operators for law in o.laws}:
+        yield f"-DLINEAR={1 + 2 * bool(bent - held) + 4 * bool(held)}"
 
 
 def _binaries(model: Model, folder: str) -> dict[str, bytes]:
@@ -243,7 +256,7 @@ class _Table:
 
     def _shown(self) -> Iterator[_Shown]:
         """Yield the variables in the order of the model description."""
-        base, acted = self.coupling.base, self.coupling.outputs
+        coupling, base, acted = self.coupling, self.coupling.base, self.coupling.outputs
         plain = [v for v in base.outputs if v.name not in acted and v.name not in self.coupling.hidden]
         names = {v.name for v in plain} | {n for n, s in acted.items() if s.part == STATE}
         for i, (s, rate) in enumerate(zip(base.states, base.derivatives, strict=True)):
@@ -263,6 +276,12 @@ class _Table:
         for k, name in enumerate(self.coupling.inputs):
             v = base.input(name)
             yield _Shown(v, name, "input", (), k, start=v.start or 0.0)
+        if coupling.relay is not None:
+            law = coupling.laws[coupling.relay.law]
+            for name in (HELD, GIVEN):
+                v = law.model.input(name)
+                owner = (coupling.relay.law + 1, v.value_reference)
+                yield _Shown(v, f"{law.name}.{name}", "local", (owner,), initial="exact", start=0.0)
         yield from self._parameters()
         own = {self._state_name(k) for k in range(len(base.states))}
         for v in plain:
@@ -305,6 +324,13 @@ class _Table:
                 v, name, "parameter", tuple(own), -1, "fixed", "exact", v.start if v.start is not None else 0.0
             )
 
+    def _described_relay(self, place: Mapping[str, int]) -> DescribedRelay | None:
+        relay = self.coupling.relay
+        if relay is None:
+            return None
+        held, given = (place[f"{self.coupling.laws[relay.law].name}.{name}"] for name in (HELD, GIVEN))
+        return DescribedRelay(held, given, tuple((source.reference, gain) for source, gain in relay.speed))
+
     def description(self, guid: str) -> bytes:
         """Write the modelDescription.xml."""
         base = self.coupling.base
@@ -322,12 +348,12 @@ class _Table:
             group = ET.SubElement(root, "UnitDefinitions")
             for unit in units:
                 ET.SubElement(group, "Unit", name=unit)
-        add_operators(root, [
+        place = {s.name: k for k, s in enumerate(self.shown)}
+        add_annotations(root, [
             DescribedOperator(self.coupling.inputs[o.input],
                               tuple(v.name for law in o.laws for v in self.coupling.laws[law].parameters.values()))
             for o in self.coupling.operators
-        ])  # fmt: skip
-        place = {s.name: k for k, s in enumerate(self.shown)}
+        ], self._described_relay(place))  # fmt: skip
         add_variables(root, [
             DescribedVariable(
                 s.name, place[s.alias_of or s.name], s.causality, s.variability, s.initial, s.v.description,

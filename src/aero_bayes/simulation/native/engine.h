@@ -7,6 +7,7 @@
  *   probe.c        what an FMU does that its description does not say, and whether its derivatives can be built on
  *   inputs.c       input signals, their delay, and the times at which they break
  *   operators.c    what laws at an input make of its signal
+ *   relay.c        a law that steps by the sign of a speed, held on a side, and rest
  *   rodas.c        the Rosenbrock step, its linear algebra and error estimate
  *   sensitivity.c  forward sensitivities on the same steps
  *   exponential.c  steps with an exact linear part, where the input moves at each sample
@@ -118,6 +119,15 @@ typedef struct {
     signed char *start_matters; /* per column: whether x(t0) depends on it; -1 not known yet */
 } Experiment;
 
+/* A law that steps by the sign of a speed, a sum of states; without states there is none. */
+typedef struct {
+    int n;
+    int *state;
+    fmi_reference *rate; /* the derivative of each */
+    const double *gain;
+    fmi_reference held, direction; /* inputs of the law: is its step held, and at which value */
+} Relay;
+
 typedef struct {
     void *map; /* the mapped spec file */
     struct Owned *owned; /* memory that is freed with the problem */
@@ -142,6 +152,7 @@ typedef struct {
     int64_t max_steps;
     int64_t n_operators;
     Operator *operators;
+    Relay relay;
     int64_t p, n_experiments;
     Experiment *experiments;
     Fmu *fmu;
@@ -226,6 +237,8 @@ typedef struct Run {
     int *known_column; /* of each variable by which derivatives are asked for: a column, or -1 less a signal */
     double *z0, *z1, *z2, *z_try, next_event;
     int time_dependent, events_seen, nominals_changed;
+    int relay; /* what a law held on a side does */
+    double side, share;
     int64_t taken, rejected;
     int64_t deadline, earliest; /* in this thread's computing time, and by the clock: no sooner */
     /* inputs */
@@ -277,6 +290,7 @@ int outcome_of(Fmu *, int status);
 int rhs(Run *, double t, const double *x, double *f);
 int set_point(Run *, double t, const double *x);
 int jacobian(Run *, double t, const double *x, const double *f, double *jac);
+int plain_columns(Run *, const fmi_reference *unknown, size_t n, const fmi_reference *known, size_t m, double *out);
 int derivative_columns(Run *, const fmi_reference *unknown, size_t n, const fmi_reference *known, size_t m, double *out);
 int directional_column(Run *, fmi_reference known, double *column);
 int initialise(Run *);
@@ -303,6 +317,17 @@ int acts_before(const Problem *, const Target *);
 /* Are lines in place of what an operator makes of a signal? */
 static inline int has_lines(const Run *r, int i) { return r->drive && r->e->signals[i].linear && r->drive[i].count > 0; }
 static inline int is_driven(const Run *r, int signal) { return r->drive && r->drive[signal].count > 0; }
+
+/* relay.c */
+enum { RELAY_FREE, RELAY_SLIDES, RELAY_RESTS };
+static inline int relay_is_held(const Problem *p) { return p->relay.n && p->fmu->eventless && p->has_directional; }
+int relay_begin(Run *);
+int relay_settle(Run *);
+int relay_columns(Run *, const fmi_reference *unknown, size_t n, const fmi_reference *known, size_t m, double *out);
+double relay_margin(const Run *, const double *x);
+int relay_jump(Run *);
+int relay_turn(Run *);
+int relay_turns(const Run *, double *const *x);
 
 /* rodas.c */
 enum { STAGES = 8 };
@@ -355,10 +380,12 @@ int kalman_read(Run *, int *finite);
 /* Do inputs move at each sample, or nearly so? */
 static inline int moves_at_samples(const Experiment *e) { return e->n_breaks * (MOST_INSIDE + 1) >= e->n; }
 
-/* Of the equations that are left where operators act. */
+/* Of the equations that are left where operators act and a law is held. */
 static inline int form_of(const Problem *p)
 {
-    return p->fmu->form != LINEAR_BEHIND ? p->fmu->form : p->n_operators ? LINEAR_FORM : OTHER_FORM;
+    const int form = p->fmu->form;
+    if ((form & WITH_OPERATORS && !p->n_operators) || (form & WITH_RELAY && !relay_is_held(p))) return OTHER_FORM;
+    return form & LINEAR_FORM ? LINEAR_FORM : form;
 }
 
 /* Are exponential steps tried? Of a linear model also from sample to sample of a uniform grid while inputs rest. */

@@ -37,7 +37,8 @@ int event_iterate(Run *r)
 int indicators(Run *r, double t, const double *x, double *z)
 {
     const int status = set_point(r, t, x);
-    return is_error(status) ? status : r->fmu->get_indicators(r->fmu->instance, z, (size_t)r->nz);
+    if (r->relay != RELAY_FREE) z[r->nz - 1] = relay_margin(r, x);
+    return is_error(status) || !r->problem->nz ? status : r->fmu->get_indicators(r->fmu->instance, z, (size_t)r->problem->nz);
 }
 
 int crossed(const double *z0, const double *z1, int nz)

@@ -468,7 +468,7 @@ static int meets_event(Run *r, const StepTable *t)
         r->status = indicators(r, r->t + point_of[j] * t->h, k->x[j], r->z1);
         if (is_error(r->status) || crossed(r->z0, r->z1, r->nz)) return 1;
     }
-    return 0;
+    return relay_turns(r, k->x);
 }
 
 /* At the beginning of a segment. */
@@ -516,7 +516,7 @@ double exponential_step(Run *r, double span, double left, double *recorded)
     }
     if (is_error(r->status)) return 0.0;
     if (good && r->nz && meets_event(r, k->now)) { /* the other method looks for it */
-        k->known = 0;
+        k->known &= r->relay != 0;
         if (r->status == FMI_DISCARD) r->status = FMI_OK;
         return 0.0;
     }

@@ -27,9 +27,9 @@ static inline void *take(Arena *a, size_t count, size_t size)
 
 /* Exponential steps (exponential.c). Matrices are n x n by columns of `rows`, vectors of `rows`. */
 enum { NODES_X = 3, MOST_TABLES = 6, MOST_INSIDE = 3, MOST_STATES = 32 };
-/* Of a model's equations: linear in states and inputs, with constant coefficients (ab_linear() of the FMU); linear where
- * operators act on its inputs; or known not to be. */
-enum { UNKNOWN_FORM, LINEAR_FORM, LINEAR_BEHIND, OTHER_FORM };
+/* Of a model's equations: linear in states and inputs, with constant coefficients (ab_linear() of the FMU), where operators
+ * act on its inputs, or where a law is held on a side; or known not to be. */
+enum { UNKNOWN_FORM, LINEAR_FORM = 1, WITH_OPERATORS = 2, WITH_RELAY = 4, OTHER_FORM = 8 };
 /* How a step tells of itself: its rounds of corrections, or that only its end was looked at, and whether its Jacobian is
  * its own. */
 enum { ONLY_END = 7, RENEWED = 8 };

@@ -76,7 +76,7 @@ static int move_to(Run *r, double t, const double *x)
     r->at = t;
     if (r->any_slope && !is_error(status)) status = inputs_apply(r, t);
     if (r->n && !is_error(status)) status = f->set_states(f->instance, x, (size_t)r->n);
-    return status;
+    return is_error(status) ? status : relay_settle(r);
 }
 
 /* Some FMUs solve their algebraic loops only when the derivatives are asked for. */
@@ -100,7 +100,7 @@ int jacobian(Run *r, double t, const double *x, const double *f, double *jac)
 {
     const Problem *p = r->problem;
     const int n = r->n;
-    if (p->has_directional && r->fmu->columns)
+    if (p->has_directional && (r->fmu->columns || r->relay == RELAY_RESTS))
         return derivative_columns(r, p->derivative_reference, (size_t)n, p->state_reference, (size_t)n, jac);
     memset(jac, 0, sizeof *jac * (size_t)(n * n));
     for (int color = 0; color < p->n_colors; color++) {
@@ -137,10 +137,10 @@ int jacobian(Run *r, double t, const double *x, const double *f, double *jac)
     return FMI_OK;
 }
 
-/* Derivatives of n variables by m others where the FMU stands: a row for each of the n. */
-int derivative_columns(Run *r, const fmi_reference *unknown, size_t n, const fmi_reference *known, size_t m, double *out)
+/* Derivatives of n variables by m others as the FMU tells them: a row for each of the n. */
+int plain_columns(Run *r, const fmi_reference *unknown, size_t n, const fmi_reference *known, size_t m, double *out)
 {
-    Fmu *f = r->fmu;
+    const Fmu *f = r->fmu;
     if (!n || !m) return FMI_OK;
     if (f->columns) return f->columns(f->instance, unknown, n, known, m, out);
     const double one = 1.0;
@@ -151,6 +151,13 @@ int derivative_columns(Run *r, const fmi_reference *unknown, size_t n, const fmi
         for (size_t i = 0; i < n; i++) out[i * m + k] = column[i];
     }
     return FMI_OK;
+}
+
+/* The same where the model stands. */
+int derivative_columns(Run *r, const fmi_reference *unknown, size_t n, const fmi_reference *known, size_t m, double *out)
+{
+    const int status = plain_columns(r, unknown, n, known, m, out);
+    return n && m && r->relay == RELAY_RESTS && !is_error(status) ? relay_columns(r, unknown, n, known, m, out) : status;
 }
 
 int directional_column(Run *r, fmi_reference known, double *column)
@@ -166,6 +173,10 @@ static size_t start_values(Run *r)
     fmi_reference *ref = r->start_reference;
     double *value = r->start_value;
     size_t count = 0;
+    if (relay_is_held(p)) {
+        ref[count] = p->relay.held, value[count++] = 1.0;
+        ref[count] = p->relay.direction, value[count++] = 0.0;
+    }
     for (int64_t i = 0; i < p->n_fixed; i++) {
         ref[count] = p->fixed_reference[i];
         value[count++] = p->fixed_value[i];
@@ -236,6 +247,9 @@ int initialise(Run *r)
     if (outcome) return outcome;
     Fmu *f = r->fmu = p->fmu;
     r->t = e->time[0];
+    r->relay = RELAY_FREE;
+    r->share = 0.0;
+    r->nz = p->nz;
     const size_t count = start_values(r);
     TRY(f->setup(f->instance, 0, 0.0, r->t, 0, 0.0));
     if (count) TRY(f->set_real(f->instance, r->start_reference, count, r->start_value));

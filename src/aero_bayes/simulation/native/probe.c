@@ -26,16 +26,16 @@ static int read_all(Run *r, double *out)
     Fmu *f = r->fmu;
     int status = FMI_OK;
     if (r->n_other) status = f->get_real(f->instance, r->other_reference, (size_t)r->n_other, out);
-    if (!is_error(status) && r->nz) status = f->get_indicators(f->instance, out + r->n_other, (size_t)r->nz);
+    if (!is_error(status) && r->problem->nz) status = f->get_indicators(f->instance, out + r->n_other, (size_t)r->problem->nz);
     if (!is_error(status) && r->problem->has_directional)
-        status = directional_column(r, r->problem->state_reference[0], out + r->n_other + r->nz);
+        status = directional_column(r, r->problem->state_reference[0], out + r->n_other + r->problem->nz);
     return status;
 }
 
 /* Is anything else once the derivatives have been asked for? */
 static int needs_derivatives_first(Run *r, const double *x0, double *x)
 {
-    const int64_t size = r->n_other + r->nz + (r->problem->has_directional ? r->n : 0);
+    const int64_t size = r->n_other + r->problem->nz + (r->problem->has_directional ? r->n : 0);
     if (!size) return 0;
     double *before = malloc(sizeof *before * (size_t)(2 * size)), *after = before + size;
     int differs = 0;

@@ -6,7 +6,7 @@
 
 #include "engine.h"
 
-#define SPEC_MAGIC 0x414253504543000ALL
+#define SPEC_MAGIC 0x414253504543000BLL
 
 typedef struct Owned {
     struct Owned *next;
@@ -222,6 +222,15 @@ static void read_problem(Reader *r, Problem *p)
     p->operators = r->broken ? NULL : own(p, p->n_operators, sizeof *p->operators);
     for (int64_t k = 0; k < p->n_operators && !r->broken; k++)
         p->operators[k].reference = references(r, -1, &p->operators[k].n);
+    p->relay.state = integers(r, -1, &count);
+    p->relay.n = (int)count;
+    p->relay.gain = array(r, count, NULL);
+    p->relay.held = (fmi_reference)integer(r), p->relay.direction = (fmi_reference)integer(r);
+    p->relay.rate = own(p, count, sizeof *p->relay.rate);
+    for (int j = 0; j < p->relay.n; j++) {
+        r->broken |= p->relay.state[j] < 0 || p->relay.state[j] >= p->n;
+        if (!r->broken) p->relay.rate[j] = p->derivative_reference[p->relay.state[j]];
+    }
     p->p = integer(r);
     p->n_experiments = integer(r);
     r->broken |= p->p < 0 || p->n_experiments < 0 || p->n_experiments > (1 << 24);

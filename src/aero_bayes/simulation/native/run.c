@@ -91,6 +91,7 @@ static int cross_segment_end(Run *r, Segment *g)
         if (r->nz && is_error(status = indicators(r, r->t, r->x, r->z0))) return outcome_of(r->fmu, status);
     } else if (jump || kink) {
         if (is_error(status = inputs_jump(r, r->t))) return outcome_of(r->fmu, status);
+        if (jump && is_error(status = relay_jump(r))) return outcome_of(r->fmu, status);
         g->have_node = 0;
     }
     if (events || jump) {
@@ -158,6 +159,7 @@ int run_once(Run *r)
     note_sizes(r);
     exponential_begin(r);
     r->form = form_of(r->problem);
+    if (is_error(status = relay_begin(r))) return outcome_of(r->fmu, status);
     r->sensitive = r->q > 0;
     if (r->sensitive) {
         if ((outcome = sensitivity_begin(r))) return outcome;

@@ -272,6 +272,13 @@ int integrate_segment(Run *r, Segment *g)
         swap(&r->x, &r->x1);
         note_sizes(r);
         g->have_f = g->have_jac = g->have_node = 0;
+        if (root <= 1.0 && r->relay != RELAY_FREE) {
+            if (is_error(status = relay_turn(r))) return outcome_of(r->fmu, status);
+            if (!r->sensitive) remember_event(r);
+            g->fresh = 1;
+            if (!moves_at_samples(r->e) && (outcome = exponential_segment(r, g))) return outcome;
+            continue;
+        }
         if (have_f1) {
             swap(&r->f, &r->f1);
             memcpy(r->jac, r->a_node + 3 * n * n, sizeof *r->jac * (size_t)(n * n));

@@ -8,7 +8,7 @@ static void lay_out(Run *r, Arena *a)
 {
     const Problem *problem = r->problem;
     const Experiment *e = r->e;
-    const size_t n = (size_t)r->n, nz = (size_t)r->nz, m = (size_t)e->m, ld = (size_t)r->ld, q = (size_t)r->q;
+    const size_t n = (size_t)r->n, nz = (size_t)r->nz + 1, m = (size_t)e->m, ld = (size_t)r->ld, q = (size_t)r->q;
     const size_t inputs = (size_t)e->n_signals, columns = (size_t)problem->p;
     r->x = REALS(n), r->x1 = REALS(n), r->f = REALS(n), r->f1 = REALS(n), r->ft = REALS(n), r->u = REALS(n);
     r->r = REALS(n), r->derivatives_unused = REALS(n), r->nominal = REALS(n), r->largest = REALS(n), r->column = REALS(n);
@@ -19,7 +19,7 @@ static void lay_out(Run *r, Arena *a)
     r->seed = REALS(n + inputs + q + 1);
     r->seed_reference = PART(fmi_reference, n + inputs + q + 1), r->known_column = PART(int, inputs + q);
     r->columns = REALS((n + m) * (n + inputs + q));
-    const size_t starts = (size_t)(problem->n_fixed + e->n_known) + (size_t)e->n_start + columns + 1;
+    const size_t starts = (size_t)(problem->n_fixed + e->n_known) + (size_t)e->n_start + columns + 3;
     r->start_value = REALS(starts);
     r->start_reference = PART(fmi_reference, starts);
     r->z0 = REALS(nz), r->z1 = REALS(nz), r->z2 = REALS(nz), r->z_try = REALS(nz);
