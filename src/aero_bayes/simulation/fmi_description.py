@@ -21,8 +21,8 @@ from aero_bayes.simulation.model_description import (
     outputs_named_by_states,
 )
 
-#: Where our own FMUs list laws that act on the signals of inputs, one that may be held on a side, and states whose
-#: start the model fixes.
+#: Where our own FMUs list laws that act on signals of inputs or outputs, one that may be held on a side, and states
+#: whose start the model fixes.
 _RELAY = "VendorAnnotations/Tool[@name='aero-bayes']/Relay"
 _OPERATORS = "VendorAnnotations/Tool[@name='aero-bayes']/Operator"
 _FIXED_STARTS = "VendorAnnotations/Tool[@name='aero-bayes']/FixedStarts/FixedStart"
@@ -317,7 +317,11 @@ def _description(path: Path, root: Element, interface: Element, three: bool) -> 
         step_size=step_size(root, interface),
         execution_tool=root.get("generationTool", "its tool") if is_true(interface, "needsExecutionTool") else "",
         operators=tuple(
-            DescribedOperator(o.get("input", ""), tuple(o.get("parameters", "").split()))
+            DescribedOperator(
+                o.get("signal", ""),
+                tuple(o.get("parameters", "").split()),
+                int(o.get("raw", "")) if "raw" in o.attrib else None,
+            )
             for o in root.iterfind(_OPERATORS)
         ),
         relay=next(map(_relay, root.iterfind(_RELAY)), None),
@@ -332,12 +336,13 @@ def _relay(e: Element) -> DescribedRelay:
 
 
 def add_annotations(root: Element, operators: Sequence[DescribedOperator], relay: DescribedRelay | None) -> None:
-    """Add operators on inputs and a law that may be held to a description, where other tools look past them."""
+    """Add operators on signals and a law that may be held to a description, where other tools look past them."""
     if not operators and relay is None:
         return
     tool = SubElement(SubElement(root, "VendorAnnotations"), "Tool", name="aero-bayes")
     for o in operators:
-        SubElement(tool, "Operator", input=o.input, parameters=" ".join(o.parameters))
+        raw = {} if o.raw is None else {"raw": str(o.raw)}
+        SubElement(tool, "Operator", signal=o.signal, parameters=" ".join(o.parameters), **raw)
     if relay is not None:
         states, gains = (" ".join(map(str, part)) for part in zip(*relay.speed, strict=True))
         SubElement(tool, "Relay", held=str(relay.held), direction=str(relay.direction), states=states, gains=gains)

@@ -125,7 +125,7 @@ class Model(ModelDescription):
     execution_tool : str
         What has to be installed for the FMU to run, where it says so (``needsExecutionTool``).
     operators : tuple of DescribedOperator
-        Laws that act on an input and may be applied to its signal before a run.
+        Laws that act on an input and may be applied to its signal before a run, or on an output and to its samples.
     relay : DescribedRelay, optional
         A law that steps by the sign of a speed, which a simulator may hold on a side of it.
     fixed_starts : tuple of str

@@ -50,10 +50,13 @@ OWN_EXPORTER = "aero-bayes"
 
 @dataclass(frozen=True)
 class DescribedOperator:
-    """Laws that act on an input and may be applied to its signal beforehand; the parameters that they have."""
+    """Laws that act on an input and may be applied to its signal beforehand, or on an output and to its samples.
 
-    input: str
+    ``parameters`` are those that they have, ``raw`` is the value reference of what those at an output act on."""
+
+    signal: str
     parameters: tuple[str, ...]
+    raw: int | None = None
 
 
 @dataclass(frozen=True)

@@ -87,22 +87,29 @@ def _write_experiment(
     model: ModelDescription,
     experiment: Experiment,
     row: tuple[ProblemTarget | None, ...],
-    operators: Sequence[DescribedOperator],
+    operators: Mapping[int, DescribedOperator],
 ) -> None:
+    acting = {o.signal: k for k, o in enumerate(operators.values()) if o.raw is not None}
+    raw = {o.signal: o.raw for o in operators.values()}
     variables = [model.output(name) for name in experiment.outputs]
     references = {state.value_reference: i for i, state in reversed(list(enumerate(model.states)))}
     copies = model.copies_by_name()
     w.reals(experiment.time)
-    w.integers([v.value_reference for v in variables])
+    read = [v.value_reference if (own := raw.get(v.name)) is None else own for v in variables]
+    w.integers(read)
     w.integers([_KINDS[v.kind] for v in variables])
     w.integers(
-        [references.get(v.value_reference, copies.get(v.name, -1)) if v.kind == "real" else -1 for v in variables]
+        [
+            references.get(at, copies.get(v.name, -1)) if v.kind == "real" else -1
+            for v, at in zip(variables, read, strict=True)
+        ]
     )
+    w.integers([acting.get(v.name, -1) for v in variables])
     w.integer(len(experiment.inputs))
     for signal in experiment.inputs:
         variable = model.input(signal.name)
         w.integer(variable.value_reference, int(signal.interpolation == "linear"), _KINDS[variable.kind])
-        w.integer(next((k for k, o in enumerate(operators) if o.input == signal.name), -1))
+        w.integer(next((k for k, o in enumerate(operators.values()) if o.signal == signal.name and o.raw is None), -1))
         w.reals(signal.time)
         w.reals(signal.values)
     w.integers([model.state_index(name) for name in experiment.start])
@@ -135,15 +142,16 @@ def _write_process(w: _Writer, problem: Problem) -> None:
         w.reals([process.reading_sd.get(name, 0.0) for name in experiment.outputs])
 
 
-def operators_in_use(problem: Problem) -> tuple[DescribedOperator, ...]:
-    """Return the model's operators on inputs where all of these are recorded, so that they act on the signals.
+def operators_in_use(problem: Problem) -> dict[int, DescribedOperator]:
+    """Return operators that act on signals, by their numbers: on inputs if all of these are recorded, then on outputs.
 
     Process noise leaves them in the equations: its readings come between."""
     if problem.process is not None:
-        return ()
+        return {}
     recorded = set[str].intersection(*({s.name for s in e.inputs} for e in problem.experiments))
-    own = problem.model.operators
-    return own if all(o.input in recorded for o in own) else ()
+    before = {k: o for k, o in enumerate(problem.model.operators) if o.raw is None}
+    behind = {k: o for k, o in enumerate(problem.model.operators) if o.raw is not None}
+    return (before if all(o.signal in recorded for o in before.values()) else {}) | behind
 
 
 def write_problem(problem: Problem, binary: Path, path: Path) -> None:
@@ -177,8 +185,9 @@ def write_problem(problem: Problem, binary: Path, path: Path) -> None:
     w.integer(settings.max_steps)
     w.real(settings.time_limit)
     operators = operators_in_use(problem)
-    w.integer(len(operators))
-    for o in operators:
+    w.integer(len(operators), sum(o.raw is None for o in operators.values()))
+    for k, o in operators.items():
+        w.integer(k)
         w.integers([model.parameter(name).value_reference for name in o.parameters])
     relay = model.relay if problem.process is None else None
     w.integers([state for state, _ in relay.speed] if relay else [])

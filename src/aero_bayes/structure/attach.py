@@ -31,9 +31,9 @@ from aero_bayes.structure.coupled_fmu import (
     STATE,
     AttachedLaw,
     Coupling,
-    InputOperator,
     Relay,
     Setting,
+    SignalOperator,
     Source,
     Terms,
 )
@@ -208,7 +208,7 @@ class _Attaching:
         inside: list[Placed] = []
         for placed in self.placed:
             here.get(placed[0].port.attachment, inside).append(placed)
-        operators: dict[str, InputOperator] = {}
+        operators: dict[str, SignalOperator] = {}
         for placed in reversed(here["input"]):
             self._feed(placed)
             self._note_operator(placed, operators)
@@ -221,18 +221,20 @@ class _Attaching:
             waiting.remove(ready)
             self._place(ready)
         self._set_base()
+        behind: dict[str, SignalOperator] = {}
         for placed in here["output"]:
             self._feed(placed)
+            self._note_output_operator(placed, behind)
             self.outputs[placed[0].port.signals["u"]] = self._acts(placed)
-        own = {v.name for v in self.base.model.outputs}
-        outputs = {name if name in own else self._output_behind(name): source for name, source in self.outputs.items()}
+        outputs = {self._output_behind(name): source for name, source in self.outputs.items()}
         for name, k in self.base.copies.items():
             if not self.base.output_needs(name) & self.probed.keys():
                 outputs.setdefault(name, Source(STATE, k))
         laws = [self._law(placed) for placed in self.placed]
         base = self.base
         return Coupling(
-            base.model, laws, self.settings, base.inputs, outputs, base.hidden, base.state_names, [*operators.values()],
+            base.model, laws, self.settings, base.inputs, outputs, base.hidden, base.state_names,
+            [*operators.values(), *behind.values()],
             self._relay(),
         )  # fmt: skip
 
@@ -245,18 +247,37 @@ class _Attaching:
                 return Relay(k, terms)
         return None
 
-    def _note_operator(self, placed: Placed, operators: dict[str, InputOperator]) -> None:
+    def _is_function(self, placed: Placed) -> bool:
+        """Return whether a law has no states and reads nothing but the signal on which it acts."""
+        model = self.blocks.model(placed[0])
+        return [v.name for v in model.inputs] == [self.SIGNAL] and not (model.states or model.event_indicators)
+
+    def _note_output_operator(self, placed: Placed, operators: dict[str, SignalOperator]) -> None:
+        """Note a law that is a function of what is read, or of what such laws make of it."""
+        signal = placed[0].port.signals[self.SIGNAL]
+        before = operators.pop(signal, None)
+        terms = self._read(placed).get(self.SIGNAL, ())
+        if not self._is_function(placed) or len(terms) != 1 or terms[0][1] != 1.0:
+            return
+        own = self._part(placed) - 1
+        if before is not None:
+            operators[signal] = replace(before, laws=(*before.laws, own))
+        elif terms[0][0].part != INPUT:
+            operators[signal] = SignalOperator((own,), terms[0][0], self._output_behind(signal))
+
+    def _note_operator(self, placed: Placed, operators: dict[str, SignalOperator]) -> None:
         """Note a law without states that acts on a recorded signal alone, or on what such laws make of it."""
-        model, own = self.blocks.model(placed[0]), self._own_input(placed[0].port)
+        own = self._own_input(placed[0].port)
         k = self.base.inputs.index(own)
         before = operators[own].laws if own in operators else ()
         source = self._acts(self.placed[before[-1]]) if before else Source(INPUT, k)
-        reads = [v.name for v in model.inputs] == [self.SIGNAL]
-        if self.acting[own] == ((source, 1.0),) and reads and not (model.states or model.event_indicators):
-            operators[own] = InputOperator((*before, self._part(placed) - 1), k)
+        if self.acting[own] == ((source, 1.0),) and self._is_function(placed):
+            operators[own] = SignalOperator((*before, self._part(placed) - 1), Source(INPUT, k))
 
     def _output_behind(self, signal: str) -> str:
         """Return the output behind the name of a signal: an FMU's output may be no identifier."""
+        if any(v.name == signal for v in self.base.model.outputs):
+            return signal
         ((source, _),) = self.base.signals[signal]
         states = self.base.model.states
         reference = states[source.reference].value_reference if source.part == STATE else source.reference

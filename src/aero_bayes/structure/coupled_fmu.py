@@ -79,13 +79,15 @@ class AttachedLaw:
 
 
 @dataclass(frozen=True)
-class InputOperator:
-    """Laws that act on an input of the whole one after the other and read nothing else, by the positions of all.
+class SignalOperator:
+    """Laws that act on a signal one after the other and read nothing else, by the positions of all.
 
-    A simulator may apply them to the recorded signal, and leave their equations out."""
+    ``signal`` is an input of the whole; a simulator may apply them to it beforehand, and leave their equations out. Or
+    it is a value behind ``output``, to whose samples a simulator may apply them."""
 
     laws: tuple[int, ...]
-    input: int
+    signal: Source
+    output: str = ""
 
 
 @dataclass(frozen=True)
@@ -112,7 +114,7 @@ class Coupling:
     outputs: Mapping[str, Source] = field(default_factory=dict)
     hidden: frozenset[str] = frozenset()
     state_names: Sequence[str] = ()
-    operators: Sequence[InputOperator] = ()
+    operators: Sequence[SignalOperator] = ()
     relay: Relay | None = None
 
 
@@ -153,7 +155,7 @@ def _form(coupling: Coupling, parts: Mapping[str, bytes]) -> Iterator[str]:
     behind = {k for k, law in enumerate(coupling.laws, 1) if not law.model.states and k not in feeding}
     bent = {k for k, data in of.items() if _LINEAR not in data or _COUPLED in data} - behind
     held = {k for k in bent if coupling.relay is not None and k == coupling.relay.law + 1 and _LINEAR_HELD in of[k]}
-    if bent - held <= {law + 1 for o in coupling.operators for law in o.laws}:
+    if bent - held <= {law + 1 for o in coupling.operators if not o.output for law in o.laws}:
         yield f"-DLINEAR={1 + 2 * bool(bent - held) + 4 * bool(held)}"
 
 
@@ -247,7 +249,11 @@ class _Table:
         lines.append(_row(*(int(not s.settable_start) for s in base.states)))
         lines += self.transfers
         lines += [_row(v.slot, len(v.owners), *(x for owner in v.owners for x in owner)) for v in self.shown]
-        chains = [(k, law, o.input) for k, o in enumerate(self.coupling.operators) for law in o.laws]
+        chains = [
+            (k, law, -1 if o.output else o.signal.reference)
+            for k, o in enumerate(self.coupling.operators)
+            for law in o.laws
+        ]
         lines.append(_row(len(chains)))
         for k, law, at in chains:
             (u,), (y,) = (laws[law].model.inputs, laws[law].model.outputs)
@@ -291,6 +297,10 @@ class _Table:
                 yield self._alias(v, state)
             elif v.name not in own:
                 yield _Shown(v, v.name, "output", ((BASE, v.value_reference),), -1, kind, "calculated")
+        for o in self.coupling.operators:
+            if o.output and o.signal.part != STATE:
+                v, owner = base.output(o.output), (o.signal.part, o.signal.reference)
+                yield _Shown(v, self._raw_name(o), "local", (owner,), initial="calculated")
         for v in base.outputs:
             if v.name in acted and v.name not in own:
                 source = acted[v.name]
@@ -298,6 +308,10 @@ class _Table:
                     yield self._alias(v, source.reference)
                 else:
                     yield _Shown(v, v.name, "output", ((source.part, source.reference),), initial="calculated")
+
+    def _raw_name(self, o: SignalOperator) -> str:
+        """Return the name of what laws at an output act on."""
+        return self._state_name(o.signal.reference) if o.signal.part == STATE else f"{o.output}{UNREAD_SUFFIX}"
 
     def _alias(self, v: Variable, state: int) -> _Shown:
         """Return an output that is a state: both have one value reference."""
@@ -350,8 +364,9 @@ class _Table:
                 ET.SubElement(group, "Unit", name=unit)
         place = {s.name: k for k, s in enumerate(self.shown)}
         add_annotations(root, [
-            DescribedOperator(self.coupling.inputs[o.input],
-                              tuple(v.name for law in o.laws for v in self.coupling.laws[law].parameters.values()))
+            DescribedOperator(o.output or self.coupling.inputs[o.signal.reference],
+                              tuple(v.name for law in o.laws for v in self.coupling.laws[law].parameters.values()),
+                              place[self._raw_name(o)] if o.output else None)
             for o in self.coupling.operators
         ], self._described_relay(place))  # fmt: skip
         add_variables(root, [

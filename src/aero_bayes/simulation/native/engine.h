@@ -70,8 +70,9 @@ typedef struct {
     double scale; /* a natural size of the column, for differences */
 } Target;
 
-/* Laws that act on an input one after the other, by the parameters that they have in the model. */
+/* Laws that act on an input or on an output one after the other, by the parameters that they have in the model. */
 typedef struct {
+    int chain; /* its number in the FMU */
     int64_t n;
     fmi_reference *reference;
 } Operator;
@@ -104,6 +105,7 @@ typedef struct {
     fmi_reference *output_reference;
     int *output_kind;  /* 0 real, 1 integer, 2 boolean */
     int *output_state; /* index of the state that the output is, or -1 */
+    int *output_operator; /* that acts on what is read of it, or -1 */
     int n_other;       /* outputs that must be asked of the FMU */
     int n_signals;
     Signal *signals;
@@ -150,7 +152,7 @@ typedef struct {
     const double *diffusion; /* of each state, where there is process noise */
     double rtol, atol, time_limit;
     int64_t max_steps;
-    int64_t n_operators;
+    int64_t n_operators, n_driving; /* the first of them act on recorded inputs */
     Operator *operators;
     Relay relay;
     int64_t p, n_experiments;
@@ -313,7 +315,8 @@ static inline int64_t operator_room(const Signal *s) { return s->linear ? 2 * s-
 void operators_close(Run *);
 int operators_apply(Run *, int with_columns);
 int operators_at(Run *, int signal, double time, double *value, double *slope, double *by);
-int acts_before(const Problem *, const Target *);
+int acts_apart(const Problem *, const Target *);
+int operators_on_outputs(Run *);
 /* Are lines in place of what an operator makes of a signal? */
 static inline int has_lines(const Run *r, int i) { return r->drive && r->e->signals[i].linear && r->drive[i].count > 0; }
 static inline int is_driven(const Run *r, int signal) { return r->drive && r->drive[signal].count > 0; }
@@ -363,7 +366,7 @@ enum { PIECE_POINTS = 11 };
 int read_values(Run *, double t, const double *x, double *y, int64_t stride);
 void sink_begin(Run *, int mode, const double *noise);
 int emit_until(Run *, double h, double limit, int inclusive);
-void sink_flush(Run *);
+int sink_flush(Run *);
 
 /* kalman.c */
 static inline int filters(const Run *r) { return r->mode >= MODE_FILTER; }
@@ -384,7 +387,7 @@ static inline int moves_at_samples(const Experiment *e) { return e->n_breaks * (
 static inline int form_of(const Problem *p)
 {
     const int form = p->fmu->form;
-    if ((form & WITH_OPERATORS && !p->n_operators) || (form & WITH_RELAY && !relay_is_held(p))) return OTHER_FORM;
+    if ((form & WITH_OPERATORS && !p->n_driving) || (form & WITH_RELAY && !relay_is_held(p))) return OTHER_FORM;
     return form & LINEAR_FORM ? LINEAR_FORM : form;
 }
 

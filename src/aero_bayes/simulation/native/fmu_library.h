@@ -35,6 +35,9 @@ typedef struct {
     double next_event_time;
 } fmi_event_info;
 
+/* In place of a parameter of operators: the value on which they act. */
+#define OPERATED ((fmi_reference)-1)
+
 /* What puts an FMU back to its start, see run.c. */
 enum { BEGIN_UNKNOWN, BEGIN_RESET, BEGIN_NEW, BEGIN_NOTHING };
 

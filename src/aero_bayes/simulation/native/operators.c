@@ -1,5 +1,5 @@
-/* Laws at a recorded input, one behind the other, are operators on its signal: what they make of it is found before the
- * simulation, and the model is driven by that. A model with such laws has the functions for it (structure/native/coupler.h).
+/* Laws at an output without states of their own act on its samples. Laws at a recorded input, one behind the other, are
+ * operators on its signal: what they make of it is found before the simulation, and the model is driven by that. A model with such laws has the functions for it (structure/native/coupler.h).
  *
  * Where the input is held, one value a sample is exact. Where it is linear, u(s) over a sample, the states see y(u(s))
  * through a filter, and no more of it than its first moments over the sample: y is replaced by the line with the same two
@@ -24,6 +24,8 @@ static void parabola(const double *g, double *b, double *c)
     *c = 2.0 * (g[0] - 2.0 * g[1] + g[2]);
     *b = g[2] - g[0] - *c;
 }
+
+static int chain_of(const Run *r, const Signal *s) { return r->problem->operators[s->operator].chain; }
 
 static int64_t interval_of(const Table *table, double x)
 {
@@ -148,7 +150,7 @@ static int apply_linear(Run *r, const Signal *s, Drive *d, int n_known, const fm
     unsigned char *split = (unsigned char *)(memory + points * (size_t)(4 + n_known));
     table.first = g + points * (size_t)(1 + n_known), table.second = table.first + points;
     for (size_t i = 0; i < points; i++) u[i] = low + (high - low) * (double)i / (double)(points - 1);
-    const int status = r->fmu->operator_values(r->fmu->instance, s->operator, points, u, g, (size_t)n_known, known,
+    const int status = r->fmu->operator_values(r->fmu->instance, chain_of(r, s), points, u, g, (size_t)n_known, known,
                                                g + points);
     if (!is_error(status)) {
         double least = g[0], most = g[0];
@@ -167,7 +169,7 @@ static int apply_held(Run *r, const Signal *s, Drive *d, int n_known, const fmi_
     const size_t n = (size_t)s->count;
     double *rows = malloc(sizeof *rows * n * (size_t)(n_known + 1));
     if (!rows) return FMI_ERROR;
-    const int status = r->fmu->operator_values(r->fmu->instance, s->operator, n, s->values, d->value + 1,
+    const int status = r->fmu->operator_values(r->fmu->instance, chain_of(r, s), n, s->values, d->value + 1,
                                                (size_t)n_known, known, rows);
     for (int k = 0; k < n_known; k++) memcpy(d->by[k] + 1, rows + (size_t)k * n, sizeof *rows * n);
     d->value[0] = d->value[1];
@@ -199,9 +201,9 @@ int operators_at(Run *r, int i, double time, double *value, double *slope, doubl
     double around[2];
     for (int64_t j = 0; j < o->n; j++)
         if (d->column_of[j] >= 0) known[n_known++] = o->reference[j];
-    int status = r->fmu->operator_values(r->fmu->instance, s->operator, 2, sides, around, 0, NULL, NULL);
+    int status = r->fmu->operator_values(r->fmu->instance, chain_of(r, s), 2, sides, around, 0, NULL, NULL);
     if (!is_error(status))
-        status = r->fmu->operator_values(r->fmu->instance, s->operator, 1, &u, value, (size_t)n_known, known, by);
+        status = r->fmu->operator_values(r->fmu->instance, chain_of(r, s), 1, &u, value, (size_t)n_known, known, by);
     *slope = step > 0.0 ? rate * (around[1] - around[0]) / (2.0 * step) : 0.0;
     return status;
 }
@@ -211,7 +213,7 @@ int operators_at(Run *r, int i, double time, double *value, double *slope, doubl
 int operators_apply(Run *r, int with_columns)
 {
     const Problem *p = r->problem;
-    for (int i = 0; i < r->e->n_signals && p->n_operators; i++) {
+    for (int i = 0; i < r->e->n_signals && p->n_driving; i++) {
         const Signal *s = &r->e->signals[i];
         Drive *d = &r->drive[i];
         if (s->operator < 0) continue;
@@ -232,8 +234,40 @@ int operators_apply(Run *r, int with_columns)
     return FMI_OK;
 }
 
+/* What laws at outputs make of the samples that the sink holds, in their place, and of their sensitivities. */
+int operators_on_outputs(Run *r)
+{
+    const Experiment *e = r->e;
+    const Sink *sink = &r->sink;
+    const size_t count = (size_t)sink->filled;
+    for (int64_t o = 0; o < e->m; o++) {
+        if (e->output_operator[o] < 0) continue;
+        const Operator *op = &r->problem->operators[e->output_operator[o]];
+        double *y = sink->y + o * BLOCK, *s = sink->s + o * BLOCK * r->ld, acted[BLOCK], by[count * (size_t)(op->n + 1)];
+        fmi_reference known[op->n + 1];
+        int column[op->n + 1], n_known = 0;
+        known[n_known++] = OPERATED; /* the reading itself */
+        for (int64_t j = 0; j < op->n; j++)
+            for (int k = 0; k < r->q; k++) {
+                const Target *t = &e->targets[r->active[k]];
+                if (t->kind != TARGET_PARAMETER || (fmi_reference)t->a != op->reference[j]) continue;
+                column[n_known] = k;
+                known[n_known++] = op->reference[j];
+            }
+        const int status = r->fmu->operator_values(r->fmu->instance, op->chain, count, y, acted,
+                                                   r->q ? (size_t)n_known : 0, known, by);
+        if (is_error(status)) return status;
+        memcpy(y, acted, sizeof *y * count);
+        for (size_t i = 0; r->q && i < count; i++, s += r->ld) {
+            for (int k = 0; k < r->q; k++) s[k] *= by[i];
+            for (int j = 1; j < n_known; j++) s[column[j]] += by[(size_t)j * count + i];
+        }
+    }
+    return FMI_OK;
+}
+
 /* Does a column set a parameter of an operator? Then the FMU's derivatives by it are zero. */
-int acts_before(const Problem *p, const Target *t)
+int acts_apart(const Problem *p, const Target *t)
 {
     int found = 0;
     for (int64_t k = 0; k < p->n_operators && t->kind == TARGET_PARAMETER; k++)
@@ -246,7 +280,7 @@ int acts_before(const Problem *p, const Target *t)
 int operators_open(Run *r)
 {
     const Experiment *e = r->e;
-    if (!r->problem->n_operators) return 1;
+    if (!r->problem->n_driving) return 1;
     r->drive = calloc((size_t)e->n_signals + 1, sizeof *r->drive);
     r->row_of = calloc((size_t)(e->n_signals * r->q) + 1, sizeof *r->row_of);
     if (!r->drive || !r->row_of) return 0;

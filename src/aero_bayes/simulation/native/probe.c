@@ -210,7 +210,7 @@ int derivatives_are_right(Run *r)
     if (!known) r->values = values; /* the model cannot start from its own values: only refusals are seen */
     for (int64_t j = 0; j < p->p && right; j++) {
         const Target *t = &e->targets[j];
-        if (t->kind != TARGET_PARAMETER || acts_before(p, t)) continue;
+        if (t->kind != TARGET_PARAMETER || acts_apart(p, t)) continue;
         if (known)
             right = parameter_is_right(r, &b, trial, j);
         else

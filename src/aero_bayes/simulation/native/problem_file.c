@@ -132,6 +132,8 @@ static void read_experiment(Reader *r, Experiment *e, int64_t p)
     e->output_reference = references(r, -1, &e->m);
     e->output_kind = integers(r, e->m, NULL);
     e->output_state = integers(r, e->m, NULL);
+    e->output_operator = integers(r, e->m, NULL);
+    for (int64_t i = 0; i < e->m && !r->broken; i++) r->broken |= e->output_operator[i] >= r->problem->n_operators;
     for (int64_t i = 0; i < e->m && !r->broken; i++) e->n_other += e->output_state[i] < 0;
     e->n_signals = (int)integer(r);
     if (r->broken || e->n_signals < 0 || e->n_signals > 1000000) {
@@ -147,7 +149,7 @@ static void read_experiment(Reader *r, Experiment *e, int64_t p)
         s->kind = (int)integer(r);
         r->broken |= s->kind < 0 || s->kind > 3;
         s->operator = (int)integer(r);
-        r->broken |= s->operator >= r->problem->n_operators;
+        r->broken |= s->operator >= r->problem->n_driving;
         s->time = array(r, -1, &s->count);
         s->values = array(r, s->count, NULL);
         r->broken |= s->count < 1;
@@ -220,8 +222,12 @@ static void read_problem(Reader *r, Problem *p)
     p->n_operators = integer(r);
     if (p->n_operators < 0 || p->n_operators > 1000000) r->broken = 1;
     p->operators = r->broken ? NULL : own(p, p->n_operators, sizeof *p->operators);
-    for (int64_t k = 0; k < p->n_operators && !r->broken; k++)
+    p->n_driving = integer(r);
+    r->broken |= p->n_driving < 0 || p->n_driving > p->n_operators;
+    for (int64_t k = 0; k < p->n_operators && !r->broken; k++) {
+        p->operators[k].chain = (int)integer(r);
         p->operators[k].reference = references(r, -1, &p->operators[k].n);
+    }
     p->relay.state = integers(r, -1, &count);
     p->relay.n = (int)count;
     p->relay.gain = array(r, count, NULL);

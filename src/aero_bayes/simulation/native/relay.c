@@ -46,7 +46,7 @@ static int growth(Run *r, const fmi_reference *known, size_t m, double *out)
 /* The share that keeps the speed as it is where the FMU stands; not finite where none does. */
 static int find_share(Run *r, double *share)
 {
-    double by;
+    double by = 0.0;
     int status = r->fmu->get_derivatives(r->fmu->instance, r->derivatives_unused, (size_t)r->n);
     if (!is_error(status)) status = growth(r, &r->problem->relay.direction, 1, &by);
     *share = by < 0.0 ? r->share - speed(r, r->derivatives_unused) / by : copysign(INFINITY, speed(r, r->derivatives_unused));

@@ -206,8 +206,7 @@ int run_once(Run *r)
         }
     }
     if (is_error(status = emit_until(r, 0.0, INFINITY, 1))) return outcome_of(r->fmu, status);
-    sink_flush(r);
-    return AB_OK;
+    return outcome_of(r->fmu, sink_flush(r));
 }
 
 /* Are the FMU's directional derivatives with respect to every target of the problem right? Tried once. */

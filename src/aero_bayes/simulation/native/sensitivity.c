@@ -102,7 +102,7 @@ int moving_variables(Run *r, int known)
 {
     int *column = r->known_column;
     for (int k = 0; k < r->q; k++)
-        if (r->column_target[k].kind == TARGET_PARAMETER && !acts_before(r->problem, &r->column_target[k])) {
+        if (r->column_target[k].kind == TARGET_PARAMETER && !acts_apart(r->problem, &r->column_target[k])) {
             r->seed_reference[known++] = (fmi_reference)r->column_target[k].a;
             *column++ = k;
         }

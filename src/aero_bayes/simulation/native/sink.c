@@ -182,10 +182,12 @@ static void flush_output(Run *r, int64_t o)
     }
 }
 
-void sink_flush(Run *r)
+int sink_flush(Run *r)
 {
     Sink *k = &r->sink;
-    if (!k->filled) return;
+    if (!k->filled) return FMI_OK;
+    const int status = operators_on_outputs(r);
+    if (is_error(status)) return status;
     for (int64_t o = 0; k->kept && o < r->e->m; o++)
         memcpy(k->kept + o * r->e->n + k->first, k->y + o * BLOCK, sizeof *k->y * (size_t)k->filled);
     if (k->mode == MODE_TRAJECTORY)
@@ -194,6 +196,7 @@ void sink_flush(Run *r)
         for (int64_t o = 0; o < r->e->m; o++) flush_output(r, o);
     k->first += k->filled;
     k->filled = 0;
+    return FMI_OK;
 }
 
 enum { NODES = 6, POINTS = PIECE_POINTS, SHORT = 22 };
@@ -420,7 +423,10 @@ int emit_until(Run *r, double h, double limit, int inclusive)
         }
         sink->filled += count;
         r->sample += count;
-        if (sink->filled == BLOCK) sink_flush(r);
+        if (sink->filled == BLOCK) {
+            const int status = sink_flush(r);
+            if (is_error(status)) return status;
+        }
     }
     return FMI_OK;
 }

@@ -347,15 +347,25 @@ UNSUPPORTED(fmi2SerializeFMUstate, void *state, char bytes[], size_t size)
 UNSUPPORTED(fmi2DeSerializeFMUstate, const char bytes[], size_t size, void **state)
 _Pragma("GCC diagnostic pop")
 
-/* Not of FMI: switches all operators off, or on again. Before initialisation. */
+/* Not of FMI: switches all operators on inputs off, or on again. Before initialisation. */
 FMI int ab_operators_off(fmi_component c, int off)
 {
     CoupledFmu *s = c;
     for (int k = 0; k < s->n_operators; k++) {
         Part *p = &s->part[s->operators[k].part];
+        if (s->operators[k].input < 0) continue;
         p->off = off;
         p->nx = off ? 0 : p->all_nx;
     }
+    return FMI_OK;
+}
+
+/* Of one variable of a part by m others. */
+static int derivatives_by(const Part *p, const fmi_reference *unknown, const fmi_reference *known, size_t m, double *by)
+{
+    const double one = 1.0;
+    if (p->fmu->columns) return p->fmu->columns(p->c, unknown, 1, known, m, by);
+    for (size_t j = 0; j < m; j++) TRY(p->fmu->directional(p->c, unknown, 1, known + j, 1, &one, by + j));
     return FMI_OK;
 }
 
@@ -364,30 +374,35 @@ static int operate(const CoupledFmu *s, const Operator *o, size_t n, double *y, 
                    double *slopes)
 {
     const Part *p = &s->part[o->part];
-    const double one = 1.0;
-    double by = 0.0, own;
+    fmi_reference own[n_known + 1]; /* the value, then parameters of this law */
+    size_t of[n_known + 1], m = 0;
+    double by[n_known + 1];
+    own[m++] = o->u;
+    for (size_t k = 0; k < n_known; k++) {
+        if (known[k] == OPERATED || s->variable[known[k]].part[0] != o->part) continue;
+        of[m] = k;
+        own[m++] = s->variable[known[k]].reference[0];
+    }
     for (size_t i = 0; i < n; i++) {
         TRY(p->fmu->set_real(p->c, &o->u, 1, y + i));
         TRY(p->fmu->get_real(p->c, &o->y, 1, y + i));
-        if (n_known) TRY(p->fmu->directional(p->c, &o->y, 1, &o->u, 1, &one, &by));
-        for (size_t k = 0; k < n_known; k++) {
-            const Variable *v = &s->variable[known[k]];
-            own = 0.0;
-            if (v->part[0] == o->part) TRY(p->fmu->directional(p->c, &o->y, 1, v->reference, 1, &one, &own));
-            slopes[k * n + i] = by * slopes[k * n + i] + own;
-        }
+        if (!n_known) continue;
+        TRY(derivatives_by(p, &o->y, own, m, by));
+        for (size_t k = 0; k < n_known; k++) slopes[k * n + i] *= by[0];
+        for (size_t j = 1; j < m; j++) slopes[of[j] * n + i] += by[j];
     }
     return FMI_OK;
 }
 
 /* Not of FMI: what a chain of operators without states makes of n values, to y; and its derivatives by parameters of the
- * coupled model, to one row of n for each of them. */
+ * coupled model, or by the values themselves (OPERATED), to one row of n for each of them. */
 FMI int ab_operator_values(fmi_component c, int chain, size_t n, const double *u, double *y, size_t n_known,
                            const fmi_reference *known, double *slopes)
 {
     const CoupledFmu *s = c;
     memcpy(y, u, sizeof *y * n);
-    if (n_known) memset(slopes, 0, sizeof *slopes * n * n_known);
+    for (size_t k = 0; k < n_known; k++)
+        for (size_t i = 0; i < n; i++) slopes[k * n + i] = known[k] == OPERATED;
     for (int k = 0; k < s->n_operators; k++)
         if (s->operators[k].chain == chain) TRY(operate(s, &s->operators[k], n, y, n_known, known, slopes));
     return FMI_OK;

@@ -145,7 +145,7 @@ int read_coupling(CoupledFmu *s, const char *folder)
     s->operators = calloc((size_t)n_operators + 1, sizeof *s->operators);
     for (; s->n_operators < n_operators && !broken; s->n_operators++) {
         Operator *o = &s->operators[s->n_operators];
-        o->chain = count(f, &broken), o->part = count(f, &broken), o->input = count(f, &broken);
+        o->chain = count(f, &broken), o->part = count(f, &broken), o->input = number(f, &broken);
         o->u = (fmi_reference)number(f, &broken), o->y = (fmi_reference)number(f, &broken);
         broken |= o->part >= s->n_parts || o->input >= s->n_inputs;
     }

@@ -1,4 +1,5 @@
-"""Laws that are first at a recorded input act on its signal: beside the same laws in the equations, and closed form."""
+"""Laws at a recorded input act on its signal, those at an output on its samples: beside the same laws in the equations,
+and closed form."""
 
 from __future__ import annotations
 
@@ -92,7 +93,7 @@ def signals(interpolation: Interpolation) -> tuple[InputSignal, ...]:
 
 
 def posed(model: Model, given: dict[str, float], interpolation: Interpolation) -> Problem:
-    targets = (*map(ParameterTarget, given), StartTarget("angle"), DelayTarget("u"))
+    targets = (*map(ParameterTarget, given), StartTarget(model.states[0].name), DelayTarget("u"))
     experiment = Experiment(TIME, ("angle", "shunt"), signals(interpolation))
     return Problem(model, (experiment,), (targets,), settings=SolverSettings(1e-9, 1e-9, 400_000, 60.0))
 
@@ -112,7 +113,7 @@ def test_a_static_law_at_a_recorded_input_is_the_written_law(law, interpolation,
     given = values_of(arm, id_)
     offer = arm.with_candidates([id_]).model
     problem = posed(offer, given, interpolation)
-    assert [o.input for o in operators_in_use(problem)] == ["u"]
+    assert [o.signal for o in operators_in_use(problem).values()] == ["u"]
     y, slopes = run(problem, given, here)
     expected, expected_slopes = run(posed(inside(arm, [id_], tmp_path / "in.fmu"), given, interpolation), given, here)
     assert np.all(np.abs(y - expected).max(axis=0) <= tolerance * np.ptp(expected, axis=0))
@@ -125,7 +126,7 @@ def test_laws_one_behind_the_other_act_as_one(interpolation, tolerance, arm, her
     ids = [id_ for id_ in arm.placed if id_ in ("dead_zone@u", "gain@u", "saturation@u")]
     given = {name: x for id_ in ids for name, x in values_of(arm, id_).items()}
     problem = posed(arm.with_candidates(ids).model, given, interpolation)
-    assert [set(o.parameters) for o in operators_in_use(problem)] == [set(given)]
+    assert [set(o.parameters) for o in operators_in_use(problem).values()] == [set(given)]
     y, slopes = run(problem, given, here)
     expected, expected_slopes = run(posed(inside(arm, ids, tmp_path / "in.fmu"), given, interpolation), given, here)
     assert np.all(np.abs(y - expected).max(axis=0) <= tolerance * np.ptp(expected, axis=0))
@@ -170,6 +171,32 @@ def test_what_is_linear_beside_a_static_law_is_exact_at_any_tolerance(law, inter
     y, slopes = run(replace(problem, settings=SolverSettings(1e-3, 1e-3)), given, here)
     np.testing.assert_allclose(y, exact, atol=1e-9 * np.ptp(exact))
     np.testing.assert_allclose(slopes, exact_slopes, atol=1e-7 * np.abs(exact_slopes).max())
+
+
+@pytest.mark.parametrize(
+    ("ids", "raw"),
+    [
+        (["gain@angle"], True),
+        (["saturation@shunt"], True),
+        (["gain@shunt", "offset@shunt", "saturation@shunt", "unsigned@angle"], True),
+        (["gain@shunt", "lag@shunt"], False),
+    ],
+)
+@pytest.mark.parametrize("interpolation", ["hold", "linear"])
+def test_laws_without_states_at_an_output_act_on_its_samples(ids, raw, interpolation, arm, here, tmp_path):
+    """They are the laws in the equations to rounding; what is before a lag stays there."""
+    given = {k: v for id_ in ids for k, v in values_of(arm, id_).items()}
+    problem = posed(arm.with_candidates(ids).model, given, interpolation)
+    last = ids[-1].partition("@")[2]
+    assert any(o.signal == last for o in operators_in_use(problem).values()) is raw
+    y, slopes = run(problem, given, here)
+    kept = replace(problem, model=replace(problem.model, operators=()))
+    y_kept, slopes_kept = run(kept, given, here)
+    np.testing.assert_allclose(y, y_kept, atol=1e-8 * np.ptp(y_kept))
+    np.testing.assert_allclose(slopes, slopes_kept, atol=1e-6 * np.abs(slopes_kept).max())
+    y_written, slopes_written = run(posed(inside(arm, ids, tmp_path / "in.fmu"), given, interpolation), given, here)
+    np.testing.assert_allclose(y, y_written, atol=1e-6 * np.ptp(y_written))
+    np.testing.assert_allclose(slopes, slopes_written, atol=1e-4 * np.abs(slopes_written).max())
 
 
 INTEGRATOR = """model Tank
