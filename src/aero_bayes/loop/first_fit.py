@@ -24,7 +24,7 @@ from aero_bayes.estimate.held_values import with_held_beside
 from aero_bayes.estimate.initial_states import with_free_starts
 from aero_bayes.estimate.levenberg_marquardt import FitSettings
 from aero_bayes.estimate.local_fit import GOOD_FIT_RATIO, Optimum
-from aero_bayes.estimate.noise import NoiseModel
+from aero_bayes.estimate.noise import NoiseModel, residual_correlation_time
 from aero_bayes.estimate.objective import Objective, Series, Whitened, objective_of
 from aero_bayes.estimate.parameters import ChosenParameters, Parameter, ParameterSet, chosen_parameters
 from aero_bayes.estimate.predict_recordings import Predictor
@@ -33,7 +33,7 @@ from aero_bayes.estimate.result import Fit
 from aero_bayes.parallel import ParallelMap
 from aero_bayes.progress import Watched
 from aero_bayes.simulation.engines import open_simulator
-from aero_bayes.simulation.interface import Outcome, Problem, Simulator, SolverSettings
+from aero_bayes.simulation.interface import Experiment, Outcome, Problem, Simulator, SolverSettings
 from aero_bayes.simulation.model import Model
 from aero_bayes.simulation.workers import WorkerPool
 from aero_bayes.structure.modelica_family import ModelicaFamily
@@ -207,6 +207,9 @@ class LoopContext:
 #: Rows on which a search takes a minute: of recordings of twice that length and more only a beginning is searched. It
 #: tells at least this share of what the whole tells, reading by reading.
 FIRST_ROWS, MIN_INFORMATION = 4000, 0.5
+#: Effective sample size of what is left of each output in such a beginning: ten readings in each of twenty blocks, or
+#: the folds would ask for interpolation. EMPS, which drifts, has one in 4,000 rows, the AERO 5, the silverbox 1,400.
+MIN_INDEPENDENT = 200.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -318,17 +321,24 @@ def refitted(
     return with_held_beside(found, context.open)
 
 
-def beginning_share(rows: Sequence[int], series: Sequence[Series], fitted: Whitened) -> float:
+def beginning_share(
+    experiments: Sequence[Experiment], series: Sequence[Series], fitted: Whitened, residuals: Sequence[FloatArray]
+) -> float:
     """The share of each recording, from its beginning, on which structures are searched for; 1 for the whole.
 
-    It is less only where a recording is very long (``rows`` are their lengths), and tells half as much, reading by
-    reading, of each parameter and of what is missing as the whole does."""
-    first, longest = FIRST_ROWS, max(rows)
+    It is less only where a recording is very long, and tells half as much, reading by reading, of each parameter and of
+    what is missing as the whole does, and where what the fit leaves (``residuals``, one a series) has enough readings
+    in it that do not hang on each other. The rows of a recording are those of its inputs, however few of its readings
+    are kept: a run takes a step for each."""
+    first, rows = FIRST_ROWS, [e.time.size for e in experiments]
+    longest = max(max(e.time.size, *(s.time.size for s in e.inputs), 0) for e in experiments)
     squares = np.vstack([fitted.slopes**2, fitted.residual**2])
     whole = squares.mean(axis=1)
+    independent = min(r.size / residual_correlation_time([r]) for r in residuals)
     while 2 * first < longest:
         inside = np.concatenate([s.sampling.index < first / longest * rows[s.experiment] for s in series])
-        if inside.any() and np.all(squares[:, inside].mean(axis=1) >= MIN_INFORMATION * whole):
+        enough = first / longest * independent >= MIN_INDEPENDENT
+        if enough and inside.any() and np.all(squares[:, inside].mean(axis=1) >= MIN_INFORMATION * whole):
             return first / longest
         first *= 2
     return 1.0

@@ -173,8 +173,8 @@ def searched(context: LoopContext, first: FirstFit, *, explained: bool = False) 
     """Search over structures from the first model; not where another cause has ``explained`` what it leaves."""
     settings, family, statistics = context.settings, context.family, context.statistics
     placed = family.prepare(first.plain, first.fit.optimum, context.open)
-    lengths = [e.time.size for e in first.plain.data.experiments]
-    share = beginning_share(lengths, first.fit.series, first.fit.optimum.whitened)
+    experiments, optimum = first.plain.data.experiments, first.fit.optimum
+    share = beginning_share(experiments, first.fit.series, optimum.whitened, optimum.evaluation.residual)
     plain = first.plain if share >= 1.0 else replace(first.plain, data=first.plain.data.beginning(share))
     with context.open(plain.problem()) as simulator:
         steps = steps_taken(plain, simulator, first.fit.optimum.coordinates)
@@ -191,7 +191,7 @@ def searched(context: LoopContext, first: FirstFit, *, explained: bool = False) 
     def validated_by(fitted: FittedModel) -> Validation | None:
         return Validation.of(predictor, fitted.model.objective.calibration, fitted.optimum)
 
-    effort = Effort.of(sum(steps) or sum(lengths))
+    effort = Effort.of(sum(steps) or sum(e.time.size for e in experiments))
     search = Search(source, library, first.floors, context.map, statistics, validated_by, effort)
     search.begin(first.values)
     statistics.end_stage("models")

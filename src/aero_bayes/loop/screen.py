@@ -48,12 +48,13 @@ class Screened:
     """Promises of a term, best first, and the smallest size that would have been seen.
 
     That size, in the unit of ``parameter`` (name, unit), raises the error that the fit leaves by what a material term
-    has to lower."""
+    has to lower. ``seconds`` is how long this took."""
 
     promises: tuple[Promise, ...] = ()
     smallest: float = math.inf
     port: str = ""
     parameter: tuple[str, str] = ("", "")
+    seconds: float = field(default=0.0, compare=False)
 
     @property
     def gain(self) -> float:

@@ -9,6 +9,7 @@ terms may explain what neither does alone.
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
@@ -314,7 +315,13 @@ class Search:
         """Screen terms beside a structure, those that were not yet."""
         known = self.screened.setdefault(parent, {})
         new = [t for t in offered if t not in known]
-        for t, found in zip(new, self._map([partial(self._screen, parent, t) for t in new]), strict=True):
+        # What took longest before begins first: no worker waits for it at the end.
+        order = sorted(
+            new, key=lambda t: -max((there[t].seconds for there in self.screened.values() if t in there), default=0.0)
+        )
+        results = dict(zip(order, self._map([partial(self._screen, parent, t) for t in order]), strict=True))
+        for t in new:
+            found = results[t]
             if found is not None and found.port:
                 known[t] = found
             elif found is not None:
@@ -395,7 +402,7 @@ class Search:
         """Screen a term beside a fit, of the first model beside its declared values, too.
 
         A fit that lacks a term may have moved them to where it does nothing."""
-        child, fitted = _plus(parent, term), self.fits[parent]
+        child, fitted, began = _plus(parent, term), self.fits[parent], time.perf_counter()
         kept = child in self.fits
         model = self.models.of(child)
         if model is None:
@@ -413,7 +420,7 @@ class Search:
             found = replace(found, promises=tuple(sorted(promises, key=lambda p: -p.gain)))
         if not kept:
             self.models.drop(child)
-        return found
+        return replace(found, seconds=time.perf_counter() - began)
 
     def _brief(self, parent: Terms, term: str, promises: Sequence[Promise]) -> Optimum | None:
         """Fit a term beside a structure from what it promises, and from the structure itself where that is better."""

@@ -341,8 +341,9 @@ def add_annotations(root: Element, operators: Sequence[DescribedOperator], relay
         return
     tool = SubElement(SubElement(root, "VendorAnnotations"), "Tool", name="aero-bayes")
     for o in operators:
-        raw = {} if o.raw is None else {"raw": str(o.raw)}
-        SubElement(tool, "Operator", signal=o.signal, parameters=" ".join(o.parameters), **raw)
+        element = SubElement(tool, "Operator", signal=o.signal, parameters=" ".join(o.parameters))
+        if o.raw is not None:
+            element.set("raw", str(o.raw))
     if relay is not None:
         states, gains = (" ".join(map(str, part)) for part in zip(*relay.speed, strict=True))
         SubElement(tool, "Relay", held=str(relay.held), direction=str(relay.direction), states=states, gains=gains)
