@@ -48,7 +48,7 @@ from aero_bayes.display import join_names, parameter_lines
 from aero_bayes.errors import CannotFinishError, InputError
 from aero_bayes.estimate.calibrated_model import CalibratedModel
 from aero_bayes.estimate.crossvalidation import leave_one_recording_out
-from aero_bayes.estimate.fit import fit
+from aero_bayes.estimate.fit import fit, fit_again
 from aero_bayes.estimate.initial_states import check_plausible, screened
 from aero_bayes.estimate.other_tools import ValueTrial, trials_sentence
 from aero_bayes.estimate.residual_tests import check_residuals, reports_by_recording
@@ -182,7 +182,7 @@ def run_check(files: Sequence[Path], config_path: Path | None, model_name: str |
 
 
 def fit_job(job: Job, progress: ProgressBar, checkpoint: Checkpoint | None = None, *, again: bool = False) -> Fit:
-    """Fit a job; ``again`` starts a local fit from the start values, without a swarm."""
+    """Fit a job; ``again`` starts a local fit from the start values of recordings that were fitted before."""
     settings = fit_settings(job)
     if not job.parameters:
         known = sorted(v.name for v in job.model.parameters)
@@ -190,7 +190,7 @@ def fit_job(job: Job, progress: ProgressBar, checkpoint: Checkpoint | None = Non
             f"model {job.model.name} declares no parameters to fit: name them, "
             f"e.g. [parameters.{next(iter(known), 'p')}] with free = true"
         )
-    return fit(
+    return (fit_again if again else fit)(
         job.recordings,
         job.model,
         parameters=job.parameters,

@@ -129,6 +129,16 @@ def fit(
         return request.fit(screened(recordings, model))
 
 
+def fit_again(
+    recordings: Sequence[Recording], model: Model, parameters: ChosenParameters, settings: FitSettings, seed: int,
+    workers: int | None, progress: Progress, checkpoint: Checkpoint | None = None,
+) -> Fit:  # fmt: skip
+    """Return a fit of recordings of which an earlier fit has asked whether they were read wrongly; see :func:`fit`."""
+    with threadpool_limits(limits=1, user_api="blas"), watching(progress) as watched:
+        request = _Request(model, parameters, settings, seed, workers, watched, checkpoint)
+        return request.finished(screened(recordings, model))
+
+
 def fit_alone(
     recordings: Sequence[Recording], model: Model, parameters: ChosenParameters, settings: FitSettings, seed: int,
     workers: int | None,
@@ -182,10 +192,9 @@ class _Request:
 
     def fit(self, recordings: Sequence[Recording]) -> Fit:
         """Fit, and ask what else than the model may be behind what is left."""
-        found, opened, watched = self.alone(recordings), self.opened, self.progress
+        found, opened = self.finished(recordings), self.opened
         here = partial(opened, workers=0)  # one run needs no workers
-        found = with_held_beside(with_simulation_error(found, here, sharper_model(found.calibration.model)), here)
-        if watched.asked_to_end:
+        if self.progress.asked_to_end:
             return found
         local, problem = replace(self.settings, method="local"), found.calibration
 
@@ -199,6 +208,11 @@ class _Request:
             )
         told = with_feedback(found, here) if told is found else told
         return with_input_noise(found, here) if told is found else told
+
+    def finished(self, recordings: Sequence[Recording]) -> Fit:
+        """Fit, with what the solver and values that are held add to its intervals."""
+        found, here = self.alone(recordings), partial(self.opened, workers=0)
+        return with_held_beside(with_simulation_error(found, here, sharper_model(found.calibration.model)), here)
 
     def alone(self, recordings: Sequence[Recording]) -> Fit:
         """Fit each combination of listed values, and finish the likeliest: outliers, sensors, noise."""
