@@ -20,6 +20,7 @@ from aero_bayes.simulation.interface import (
     ParameterTarget,
     Problem,
     SolverSettings,
+    StartTarget,
 )
 
 TIME = np.linspace(0.0, 8.0, 161)
@@ -156,6 +157,20 @@ def test_sensitivities_over_turns_and_rest_are_differences(law, interpolation, h
         difference = (up - down) / (2.0 * h)
         away = np.abs(slopes[:, :, k] - difference).max(axis=1) > 1e-3 * np.abs(difference).max()
         assert away.mean() < 0.02, name  # only where a turn moves over a sample between the two
+
+
+def test_a_speed_at_the_start_is_lost_where_the_model_rests(here, modelica, tmp_path):  # noqa: F811
+    """Its sensitivity is zero, and the state moves by the square of the speed."""
+    model, given = model_of(modelica, tmp_path, "coulomb_friction")
+    experiment = Experiment(TIME, ("q", "s"), (InputSignal("F", TIME, pull()),))
+    targets = (StartTarget("s"), *map(ParameterTarget, given))
+    problem = Problem(model, (experiment,), (targets,), settings=SolverSettings(1e-9, 1e-9, 1_000_000, 60.0))
+    with open_simulator(problem, pool=here) as simulator:
+        still = simulator.simulate(np.array([[0.0, *given.values()]]), active=range(len(targets)))
+        moved = simulator.simulate(np.array([[1e-3, *given.values()]]))
+    assert np.abs(still.sensitivities[0][0][:, :, 0]).max() < 1e-6
+    way = MASS * 1e-3**2 / (2.0 * given["F_c"])  # on which the force of friction takes its energy
+    assert moved.outputs[0][0][5, 0] - still.outputs[0][0][5, 0] == pytest.approx(way, rel=0.02)
 
 
 @pytest.mark.parametrize("law", LAWS)

@@ -328,6 +328,7 @@ int relay_begin(Run *);
 int relay_settle(Run *);
 int relay_columns(Run *, const fmi_reference *unknown, size_t n, const fmi_reference *known, size_t m, double *out);
 double relay_margin(const Run *, const double *x);
+int relay_columns_begin(Run *);
 int relay_jump(Run *);
 int relay_turn(Run *);
 int relay_turns(const Run *, double *const *x);

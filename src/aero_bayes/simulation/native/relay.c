@@ -15,6 +15,14 @@ static double speed(const Run *r, const double *x)
     return v;
 }
 
+static double speed_of_column(const Run *r, int k)
+{
+    const Relay *relay = &r->problem->relay;
+    double v = 0.0;
+    for (int j = 0; j < relay->n; j++) v += relay->gain[j] * r->s[relay->state[j] * r->ld + k];
+    return v;
+}
+
 static double slack(const Run *r)
 {
     const Relay *relay = &r->problem->relay;
@@ -110,6 +118,22 @@ int relay_begin(Run *r)
     return give_share(r, r->side);
 }
 
+/* Of a run that begins at rest: a speed that it would have begun with is lost at once, by an impulse of the law. */
+int relay_columns_begin(Run *r)
+{
+    double by = 0.0, *column = r->u;
+    if (r->relay != RELAY_RESTS) return FMI_OK;
+    const fmi_reference *direction = &r->problem->relay.direction;
+    int status = set_point(r, r->t, r->x);
+    if (!is_error(status)) status = growth(r, direction, 1, &by);
+    if (!is_error(status)) status = plain_columns(r, r->problem->derivative_reference, (size_t)r->n, direction, 1, column);
+    for (int k = 0; k < r->q && !is_error(status); k++) {
+        const double moved = speed_of_column(r, k);
+        for (int i = 0; i < r->n; i++) r->s[i * r->ld + k] -= column[i] * moved / by;
+    }
+    return status;
+}
+
 /* Inputs have jumped: does the model still rest? */
 int relay_jump(Run *r)
 {
@@ -130,10 +154,8 @@ int relay_turn(Run *r)
     status = rhs(r, r->t, r->x, after);
     const double rate = speed(r, before);
     for (int k = 0; k < r->q && rate != 0.0 && !is_error(status); k++) {
-        double moved = 0.0;
-        for (int j = 0; j < r->problem->relay.n; j++)
-            moved -= r->problem->relay.gain[j] * r->s[r->problem->relay.state[j] * r->ld + k];
-        for (int i = 0; i < r->n; i++) r->s[i * r->ld + k] += (before[i] - after[i]) * moved / rate;
+        const double moved = speed_of_column(r, k);
+        for (int i = 0; i < r->n; i++) r->s[i * r->ld + k] -= (before[i] - after[i]) * moved / rate;
     }
     return status;
 }

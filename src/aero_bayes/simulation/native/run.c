@@ -163,6 +163,7 @@ int run_once(Run *r)
     r->sensitive = r->q > 0;
     if (r->sensitive) {
         if ((outcome = sensitivity_begin(r))) return outcome;
+        if (is_error(status = relay_columns_begin(r))) return outcome_of(r->fmu, status);
         memset(r->sdense, 0, sizeof *r->sdense * (size_t)(5 * n * r->ld));
     }
     r->time_dependent = r->any_linear;
