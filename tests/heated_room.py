@@ -63,5 +63,5 @@ def model(folder: Path) -> aero_bayes.Model:
     return aero_bayes.load_model(folder / "Room.mo")
 
 
-def fit(given: Recording | list[Recording], room: aero_bayes.Model) -> aero_bayes.Fit:
-    return aero_bayes.fit(given, room, parameters=["C", "G"], workers=0)
+def fit(given: Recording | list[Recording], room: aero_bayes.Model, workers: int = 0) -> aero_bayes.Fit:
+    return aero_bayes.fit(given, room, parameters=["C", "G"], workers=workers)

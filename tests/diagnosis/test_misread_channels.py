@@ -39,6 +39,12 @@ def test_a_channel_in_another_unit(
     assert cause.cause == "data"
 
 
+def test_other_readings_that_are_fitted_side_by_side_tell_the_same(room: aero_bayes.Model) -> None:
+    alone, beside = (heated_room.fit(changed("P", lambda v: v / 1e3), room, workers=n) for n in (0, 2))
+    assert beside.calibration.data.recordings[0].findings == alone.calibration.data.recordings[0].findings
+    assert np.array_equal(beside.values, alone.values)
+
+
 def test_a_missing_effect_is_no_unit(room: aero_bayes.Model) -> None:
     found = heated_room.fit(heated_room.recording(loss=lambda x: 9.0 * x * abs(x)), room)
     assert not found.calibration.data.recordings[0].findings

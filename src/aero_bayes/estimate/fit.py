@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping, Sequence, Sized
-from contextlib import ExitStack
+from collections.abc import Callable, Iterable, Mapping, Sequence, Sized
+from contextlib import ExitStack, suppress
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -39,9 +40,11 @@ from aero_bayes.estimate.priors import LogNormal
 from aero_bayes.estimate.result import Fit
 from aero_bayes.estimate.simulate import choose_interpolation
 from aero_bayes.estimate.simulation_error import sharper_model, with_simulation_error
+from aero_bayes.parallel import ParallelMap, Task
 from aero_bayes.progress import Progress, Watched, watching
 from aero_bayes.simulation.interface import Outcome, Problem, Simulator
 from aero_bayes.simulation.model import Model
+from aero_bayes.simulation.workers import WorkerPool
 
 
 def declared_overrides(model: Model) -> dict[str, ParameterSpec]:
@@ -66,6 +69,7 @@ def _override(name: str, start: float, known: DeclaredParameter) -> ParameterSpe
     return ParameterSpec(start, low / known.reach, high * known.reach, prior, "log", known.auto)
 
 
+R = TypeVar("R")
 #: How often a fit is repeated without its outliers: the first one is drawn by them, so that it may not see all.
 MAX_OUTLIER_ROUNDS = 3
 
@@ -204,10 +208,30 @@ class _Request:
         told = with_start_finding(found, fitted_again, here)
         if told is found:  # a wrong start looks like a constant at a reading, too
             told = with_misread_finding(
-                found, lambda given: self.calibration(given, problem.model, problem.fixed), fitted_again, here
+                found,
+                lambda given: self.calibration(given, problem.model, problem.fixed),
+                fitted_again,
+                here,
+                partial(self.each_fitted, local),
             )
         told = with_feedback(found, here) if told is found else told
         return with_input_noise(found, here) if told is found else told
+
+    def each_fitted(
+        self, settings: FitSettings, calibrations: Sequence[Calibration], told: Callable[[Fit], R]
+    ) -> Iterable[R | None]:
+        """What is told of the fit of each calibration, None where it fails: side by side, or one by one when asked."""
+
+        def one(calibration: Calibration, workers: int | None) -> R | None:
+            with suppress(CannotFinishError):
+                opened = partial(self.opened, workers=workers)
+                return told(fit_calibration(calibration, opened, settings, np.random.default_rng(self.seed)))
+            return None
+
+        with WorkerPool(self.workers) as pool:
+            if pool.size < 2:
+                return (one(calibration, None) for calibration in calibrations)
+            return ParallelMap(pool)([Task(partial(one, calibration, 1)) for calibration in calibrations])
 
     def finished(self, recordings: Sequence[Recording]) -> Fit:
         """Fit, with what the solver and values that are held add to its intervals."""

@@ -13,7 +13,7 @@ means over intervals are looked at first.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from functools import partial
@@ -75,6 +75,8 @@ MOST_READINGS, MIN_GONE = 2000, 0.1
 PARTS = 3
 #: Most held parameters that are looked at.
 MOST_HELD = 20
+#: Factors by which a fit of another reading makes the residuals smaller, and whether it leaves structure.
+Tried = tuple[list[float], bool]
 
 
 def with_misread_finding(
@@ -82,8 +84,11 @@ def with_misread_finding(
     calibrated: Callable[[Sequence[Recording]], Calibration],
     fitted: Callable[[Calibration], Fit],
     open_simulator: OpenSimulator,
+    each_fitted: Callable[[Sequence[Calibration], Callable[[Fit], Tried]], Iterable[Tried | None]],
 ) -> Fit:
-    """Return the fit with a finding of its data where it is poor, and good with the data read in another way."""
+    """Return the fit with a finding of its data where it is poor, and good with the data read in another way.
+
+    ``each_fitted`` gives what a function tells of the fit of each calibration, None where that fails."""
     data = fit.calibration.data
     structured = any(n.model_error or n.kind == "ou" for n in fit.noise.values())
     if fit.calibration.process is not None or not (structured or LeftOver(fit).structured):
@@ -103,28 +108,31 @@ def with_misread_finding(
             calibration = reading.calibrated(calibrated([reading.recorded(r) for r in data.recordings]))
             calibration = replace(calibration, data=calibration.data.thinned(SAMPLES))
             tried.append((_nearest(calibration, fit, open_simulator), reading, calibration))
-    best: tuple[float, Reading, Fit] | None = None
-    sure = clean = False
-    for reading, calibration in _most_promising(tried):
-        if sure:
+    best: tuple[float, Reading, Calibration] | None = None
+    clean = False
+    promising = [*_most_promising(tried)]
+    ends = each_fitted([calibration for _, calibration in promising], partial(_what_changes, fit))
+    for (reading, calibration), end in zip(promising, ends, strict=True):
+        gains, structured = end if end is not None else ([0.0], True)
+        if max(gains) < MIN_CLEAN_FACTOR or min(gains) < MIN_WORST:
+            continue
+        if structured and reading.kind in ("value", "factor"):
+            continue  # other values and factors take up a part of whatever is missing
+        # All outputs count: one alone may be moved to where it fits best.
+        total = math.prod(gains)
+        if (max(gains) > MIN_FACTOR or not structured) and (best is None or total > best[0]):
+            best, clean = (total, reading, calibration), not structured
+        if max(gains) > SURE_FACTOR and not structured:
             break
-        with suppress(CannotFinishError):
-            again = fitted(calibration)
-            change = change_of(fit, again)
-            gains = [before / after for before, after in change.values()] or [0.0]
-            if max(gains) < MIN_CLEAN_FACTOR or min(gains) < MIN_WORST:
-                continue
-            structured = any(n.model_error for n in again.noise.values())
-            if structured and reading.kind in ("value", "factor"):
-                continue  # other values and factors take up a part of whatever is missing
-            sure = sure or (max(gains) > SURE_FACTOR and not structured)
-            # All outputs count: one alone may be moved to where it fits best.
-            total = math.prod(gains)
-            if (max(gains) > MIN_FACTOR or not structured) and (best is None or total > best[0]):
-                best, clean = (total, reading, again), not structured
     if not clean and (told := without_constant(fit, calibrated, fitted, open_simulator)) is not None:
         return told
-    return fit if best is None else with_finding(fit, best[1], best[2])
+    return fit if best is None else with_finding(fit, best[1], fitted(best[2]))
+
+
+def _what_changes(fit: Fit, again: Fit) -> Tried:
+    """Return what a fit of another reading makes smaller, and whether it leaves structure."""
+    gains = [before / after for before, after in change_of(fit, again).values()] or [0.0]
+    return gains, any(n.model_error for n in again.noise.values())
 
 
 def _most_promising(tried: list[tuple[float, Reading, Calibration]]) -> Iterator[tuple[Reading, Calibration]]:
