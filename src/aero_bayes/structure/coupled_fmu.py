@@ -187,6 +187,7 @@ class _Shown:
     derivative_of: str = ""
     depends: tuple[str, ...] | None = None
     alias_of: str = ""
+    listed: bool = True  # among the unknowns of initialisation
 
 
 class _Table:
@@ -300,7 +301,7 @@ class _Table:
         for o in self.coupling.operators:
             if o.output and o.signal.part != STATE:
                 v, owner = base.output(o.output), (o.signal.part, o.signal.reference)
-                yield _Shown(v, self._raw_name(o), "local", (owner,), initial="calculated")
+                yield _Shown(v, self._raw_name(o), "local", (owner,), initial="calculated", listed=False)
         for v in base.outputs:
             if v.name in acted and v.name not in own:
                 source = acted[v.name]
@@ -378,7 +379,7 @@ class _Table:
             DescribedVariable(
                 s.name, place[s.alias_of or s.name], s.causality, s.variability, s.initial, s.v.description,
                 **_attributes(s.v), start=s.start, derivative_of=s.derivative_of,
-                depends=s.depends,
+                depends=s.depends, listed=s.listed,
             )
             for s in self.shown
         ])  # fmt: skip
