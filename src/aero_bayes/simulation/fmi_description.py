@@ -23,8 +23,8 @@ from aero_bayes.simulation.model_description import (
 
 #: Where our own FMUs list laws that act on signals of inputs or outputs, one that may be held on a side, and states
 #: whose start the model fixes.
-_RELAY = "VendorAnnotations/Tool[@name='aero-bayes']/Relay"
-_OPERATORS = "VendorAnnotations/Tool[@name='aero-bayes']/Operator"
+_RELAY = "VendorAnnotations/Tool[@name='aero-bayes']/Laws/Relay"
+_OPERATORS = "VendorAnnotations/Tool[@name='aero-bayes']/Laws/Operator"
 _FIXED_STARTS = "VendorAnnotations/Tool[@name='aero-bayes']/FixedStarts/FixedStart"
 
 
@@ -340,10 +340,11 @@ def add_annotations(root: Element, operators: Sequence[DescribedOperator], relay
     if not operators and relay is None:
         return
     tool = SubElement(SubElement(root, "VendorAnnotations"), "Tool", name="aero-bayes")
+    laws = SubElement(tool, "Laws")  # a tool may have one element
     for o in operators:
-        element = SubElement(tool, "Operator", signal=o.signal, parameters=" ".join(o.parameters))
+        element = SubElement(laws, "Operator", signal=o.signal, parameters=" ".join(o.parameters))
         if o.raw is not None:
             element.set("raw", str(o.raw))
     if relay is not None:
         states, gains = (" ".join(map(str, part)) for part in zip(*relay.speed, strict=True))
-        SubElement(tool, "Relay", held=str(relay.held), direction=str(relay.direction), states=states, gains=gains)
+        SubElement(laws, "Relay", held=str(relay.held), direction=str(relay.direction), states=states, gains=gains)
