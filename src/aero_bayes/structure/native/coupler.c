@@ -413,6 +413,7 @@ FMI int ab_operator_values(fmi_component c, int chain, size_t n, const double *u
 FMI int ab_eventless(void) { return 1; }
 #endif
 #ifdef LINEAR
-/* And that they are linear in states and inputs: 1, or 2 where only those are that are left without operators. */
+/* And that they are linear in states and inputs (1): with 2 added where only those are that are left without operators,
+ * with 4 where they are while a law is held on a side. */
 FMI int ab_linear(void) { return LINEAR; }
 #endif
