@@ -17,9 +17,11 @@ from aero_bayes.structure.law import Law
 
 
 def step_of(flat: FlatModel, law: Law) -> tuple[Name, Call] | None:
-    """Return ``v`` and the rounded step ``tanh(v / v_smooth)`` of a law that has one, of a width that is not fitted."""
+    """Return ``v`` and the rounded step ``tanh(v / v_smooth)`` of a law that has one.
+
+    Its width is final: of the solver's making. One that may be set is part of the law."""
     fitted = {p.name for p in law.parameters}
-    fixed = {v.name for v in flat.variables if v.constant} - fitted
+    fixed = {v.name for v in flat.variables if v.variability == "constant"} - fitted
     found = {
         part: by
         for e in flat.equations
