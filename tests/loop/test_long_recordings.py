@@ -45,12 +45,13 @@ def test_what_shows_later_only_is_waited_for():
 
 
 @pytest.mark.fast
-def test_what_drifts_is_searched_whole():
+def test_what_drifts_is_searched_whole_where_few_readings_are_kept():
     """A random walk has a few independent readings, however many there are of it."""
     rows = 8 * FIRST_ROWS
     wave = np.sin(np.arange(rows) * 1.0)
     drift = np.cumsum(np.random.default_rng(3).normal(size=rows))
-    assert share(wave, wave, rows, left=drift) == 1.0
+    assert share(wave, wave, rows, kept=8) == 1.0 / 8.0
+    assert share(wave, wave, rows, kept=8, left=drift[::8]) == 1.0
 
 
 OSCILLATOR = """model Oscillator

@@ -207,8 +207,8 @@ class LoopContext:
 #: Rows on which a search takes a minute: of recordings of twice that length and more only a beginning is searched. It
 #: tells at least this share of what the whole tells, reading by reading.
 FIRST_ROWS, MIN_INFORMATION = 4000, 0.5
-#: Effective sample size of what is left of each output in such a beginning: ten readings in each of twenty blocks, or
-#: the folds would ask for interpolation. EMPS, which drifts, has one in 4,000 rows, the AERO 5, the silverbox 1,400.
+#: Effective sample size of what is left of each output in a beginning that only spares time: ten readings in each of
+#: twenty blocks, or folds would ask for interpolation. In 4,000 rows EMPS, which drifts, has one, the silverbox 1,400.
 MIN_INDEPENDENT = 200.0
 
 
@@ -329,18 +329,24 @@ def beginning_share(
     """The share of each recording, from its beginning, on which structures are searched for; 1 for the whole.
 
     It is less only where a recording is very long, and tells half as much, reading by reading, of each parameter and of
-    what is missing as the whole does, and where what the fit leaves (``residuals``, one a series) has enough readings
-    in it that do not hang on each other. The rows of a recording are those of its inputs, however few of its readings
-    are kept: a run takes a step for each."""
-    first, rows = FIRST_ROWS, [e.time.size for e in experiments]
-    longest = max(max(e.time.size, *(s.time.size for s in e.inputs), 0) for e in experiments)
+    what is missing as the whole does. Of one whose readings alone are not so many, the rows of its inputs count, since
+    a run takes a step for each; there what the fit leaves (``residuals``, one a series) needs enough readings that do
+    not hang on each other."""
+    rows = [e.time.size for e in experiments]
     squares = np.vstack([fitted.slopes**2, fitted.residual**2])
     whole = squares.mean(axis=1)
     independent = min(r.size / residual_correlation_time([r]) for r in residuals)
-    while 2 * first < longest:
-        inside = np.concatenate([s.sampling.index < first / longest * rows[s.experiment] for s in series])
-        enough = first / longest * independent >= MIN_INDEPENDENT
-        if enough and inside.any() and np.all(squares[:, inside].mean(axis=1) >= MIN_INFORMATION * whole):
-            return first / longest
-        first *= 2
-    return 1.0
+
+    def share_of(longest: int, least: float) -> float:
+        first = FIRST_ROWS
+        while 2 * first < longest:
+            inside = np.concatenate([s.sampling.index < first / longest * rows[s.experiment] for s in series])
+            alike = inside.any() and np.all(squares[:, inside].mean(axis=1) >= MIN_INFORMATION * whole)
+            if alike and first / longest * independent >= least:
+                return first / longest
+            first *= 2
+        return 1.0
+
+    share = share_of(max(rows), 0.0)
+    steps = max(s.time.size for e in experiments for s in e.inputs) if any(e.inputs for e in experiments) else 0
+    return share if share < 1.0 else share_of(steps, MIN_INDEPENDENT)
