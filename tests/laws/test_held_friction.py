@@ -100,8 +100,7 @@ def by_scipy(limits, interpolation: str, spring) -> np.ndarray:
                     high, low = limits(0.0, acts(t, x))
                     return min(high - acts(t, x), acts(t, x) - low)
 
-                times = np.linspace(t, end, 2)
-                if leaves(times[1]) < 0.0:
+                if leaves(end) < 0.0:
                     low, high = t, end
                     for _ in range(80):
                         middle = 0.5 * (low + high)

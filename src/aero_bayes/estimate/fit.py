@@ -196,36 +196,33 @@ class _Request:
 
     def fit(self, recordings: Sequence[Recording]) -> Fit:
         """Fit, and ask what else than the model may be behind what is left."""
-        found, opened = self.finished(recordings), self.opened
-        here = partial(opened, workers=0)  # one run needs no workers
+        found, here = self.finished(recordings), partial(self.opened, workers=0)  # one run needs no workers
         if self.progress.asked_to_end:
             return found
-        local, problem = replace(self.settings, method="local"), found.calibration
-
-        def fitted_again(other: Calibration) -> Fit:
-            return fit_calibration(other, opened, local, np.random.default_rng(self.seed))
-
-        told = with_start_finding(found, fitted_again, here)
+        problem = found.calibration
+        told = with_start_finding(found, self.fitted_again, here)
         if told is found:  # a wrong start looks like a constant at a reading, too
             told = with_misread_finding(
                 found,
                 lambda given: self.calibration(given, problem.model, problem.fixed),
-                fitted_again,
+                self.fitted_again,
                 here,
-                partial(self.each_fitted, local),
+                self.each_fitted,
             )
         told = with_feedback(found, here) if told is found else told
         return with_input_noise(found, here) if told is found else told
 
-    def each_fitted(
-        self, settings: FitSettings, calibrations: Sequence[Calibration], told: Callable[[Fit], R]
-    ) -> Iterable[R | None]:
+    def fitted_again(self, other: Calibration, workers: int | None = None) -> Fit:
+        """Fit another calibration by a local search."""
+        local, opened = replace(self.settings, method="local"), partial(self.opened, workers=workers)
+        return fit_calibration(other, opened, local, np.random.default_rng(self.seed))
+
+    def each_fitted(self, calibrations: Sequence[Calibration], told: Callable[[Fit], R]) -> Iterable[R | None]:
         """What is told of the fit of each calibration, None where it fails: side by side, or one by one when asked."""
 
         def one(calibration: Calibration, workers: int | None) -> R | None:
             with suppress(CannotFinishError):
-                opened = partial(self.opened, workers=workers)
-                return told(fit_calibration(calibration, opened, settings, np.random.default_rng(self.seed)))
+                return told(self.fitted_again(calibration, workers))
             return None
 
         with WorkerPool(self.workers) as pool:

@@ -126,6 +126,7 @@ def with_misread_finding(
             break
     if not clean and (told := without_constant(fit, calibrated, fitted, open_simulator)) is not None:
         return told
+    # Fitted once more: a fit stays in the process in which it was made.
     return fit if best is None else with_finding(fit, best[1], fitted(best[2]))
 
 

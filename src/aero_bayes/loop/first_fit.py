@@ -348,5 +348,5 @@ def beginning_share(
         return 1.0
 
     share = share_of(max(rows), 0.0)
-    steps = max(s.time.size for e in experiments for s in e.inputs) if any(e.inputs for e in experiments) else 0
+    steps = max((s.time.size for e in experiments for s in e.inputs), default=0)
     return share if share < 1.0 else share_of(steps, MIN_INDEPENDENT)

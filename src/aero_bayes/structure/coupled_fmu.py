@@ -312,12 +312,10 @@ class _Table:
 
     def _raw_name(self, o: SignalOperator) -> str:
         """Return the name of what laws at an output act on."""
+        if o.signal.part == STATE:
+            return self._state_name(o.signal.reference)
         first = self.coupling.laws[o.laws[0]]
-        return (
-            self._state_name(o.signal.reference)
-            if o.signal.part == STATE
-            else f"{first.name}.{first.model.inputs[0].name}"
-        )
+        return f"{first.name}.{first.model.inputs[0].name}"
 
     def _alias(self, v: Variable, state: int) -> _Shown:
         """Return an output that is a state: both have one value reference."""

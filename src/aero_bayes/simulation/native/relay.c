@@ -37,7 +37,7 @@ static int give_share(Run *r, double share)
     return r->fmu->set_real(r->fmu->instance, &r->problem->relay.direction, 1, &share);
 }
 
-/* How fast the speed grows with other variables where the FMU stands, its share of the step being the last of them. */
+/* By how much the speed's rate grows with each of m other variables, where the FMU stands. */
 static int growth(Run *r, const fmi_reference *known, size_t m, double *out)
 {
     const Relay *relay = &r->problem->relay;
@@ -118,19 +118,24 @@ int relay_begin(Run *r)
     return give_share(r, r->side);
 }
 
+/* Each column jumps along `slope`, which changes the speed's rate by `rate`, by as much as it moves the speed. */
+static void jump_columns(Run *r, const double *slope, double rate)
+{
+    for (int k = 0; k < r->q && rate != 0.0; k++) {
+        const double share = speed_of_column(r, k) / rate;
+        for (int i = 0; i < r->n; i++) r->s[i * r->ld + k] -= slope[i] * share;
+    }
+}
+
 /* Of a run that begins at rest: a speed that it would have begun with is lost at once, by an impulse of the law. */
 int relay_columns_begin(Run *r)
 {
-    double by = 0.0, *column = r->u;
+    const Problem *p = r->problem;
     if (r->relay != RELAY_RESTS) return FMI_OK;
-    const fmi_reference *direction = &r->problem->relay.direction;
     int status = set_point(r, r->t, r->x);
-    if (!is_error(status)) status = growth(r, direction, 1, &by);
-    if (!is_error(status)) status = plain_columns(r, r->problem->derivative_reference, (size_t)r->n, direction, 1, column);
-    for (int k = 0; k < r->q && !is_error(status); k++) {
-        const double moved = speed_of_column(r, k);
-        for (int i = 0; i < r->n; i++) r->s[i * r->ld + k] -= column[i] * moved / by;
-    }
+    if (!is_error(status))
+        status = plain_columns(r, p->derivative_reference, (size_t)r->n, &p->relay.direction, 1, r->u);
+    if (!is_error(status)) jump_columns(r, r->u, speed(r, r->u));
     return status;
 }
 
@@ -153,10 +158,8 @@ int relay_turn(Run *r)
     if (is_error(status) || !slid || !r->sensitive) return status;
     status = rhs(r, r->t, r->x, after);
     const double rate = speed(r, before);
-    for (int k = 0; k < r->q && rate != 0.0 && !is_error(status); k++) {
-        const double moved = speed_of_column(r, k);
-        for (int i = 0; i < r->n; i++) r->s[i * r->ld + k] -= (before[i] - after[i]) * moved / rate;
-    }
+    for (int i = 0; i < r->n; i++) before[i] -= after[i];
+    if (!is_error(status)) jump_columns(r, before, rate);
     return status;
 }
 
