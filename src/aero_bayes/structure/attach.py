@@ -39,7 +39,7 @@ from aero_bayes.structure.coupled_fmu import (
 )
 from aero_bayes.structure.held_step import step_of, with_held_step
 from aero_bayes.structure.law import Law
-from aero_bayes.structure.open_ports import OpenModel, effect_block, terminals
+from aero_bayes.structure.open_ports import OpenModel, effect_block
 
 #: Suffix of the input that is the derivative of another input.
 RATE_SUFFIX = "_rate"
@@ -76,16 +76,9 @@ class LawBlocks:
         """Return the input of a law's FMU by whose sign it steps, if its step may be held."""
         if all(v.name != HELD for v in self.model(placed).inputs):
             return None
-        law, place = placed.law, placed.port.replaceable
-        flat = self.models[law.kind, law.id]
-        step = step_of(flat, law)
+        step = step_of(self.models[placed.law.kind, placed.law.id], placed.law)
         assert step is not None
-        by = step[0].name
-        if place is None or place.combination is None:
-            return by
-        return next(
-            (name for name, member in terminals(place.combination, flat.variables).reads.items() if member == by), None
-        )
+        return step[0].name
 
     def attached(self, placed: PlacedLaw, name: str, others: Mapping[str, float]) -> AttachedLaw:
         """Return the FMU of a placed law under a name, with its parameters and sizes; ``others`` are further values."""
