@@ -30,7 +30,15 @@ from study.real import cases
 
 #: Laws by the rig whose first model they are attached to; the empty name is the model itself.
 STRUCTURES: Mapping[str, Sequence[str]] = {
-    "silverbox": ("", "cubic_stiffness@v", "dead_zone@u", "rate_limit@u", "coulomb_friction@v", "saturation@y"),
+    "silverbox": (
+        "",
+        "cubic_stiffness@v",
+        "dead_zone@u",
+        "rate_limit@u",
+        "hysteresis@u",
+        "coulomb_friction@v",
+        "saturation@y",
+    ),
     "servo": ("", "hysteresis@command", "rate_limit@command", "delay@angle"),
 }
 #: Time in s that the calls of one row may take together, beside the first.

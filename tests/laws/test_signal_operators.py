@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.signal import lsim
 
 from aero_bayes.modelica.embedded import export_flat
 from aero_bayes.simulation.engines import open_simulator
@@ -119,6 +120,64 @@ def test_a_static_law_at_a_recorded_input_is_the_written_law(law, interpolation,
     assert np.all(np.abs(y - expected).max(axis=0) <= tolerance * np.ptp(expected, axis=0))
     size = np.abs(expected_slopes).max(axis=0)
     assert np.all(np.abs(slopes - expected_slopes).max(axis=0) <= 50.0 * tolerance * size + 1e-9)
+
+
+def remembered(law: str, time: np.ndarray, u: np.ndarray, given: dict[str, float]) -> np.ndarray:
+    """What a rate limit or a play makes of a signal on a grid so fine that it may be taken as held."""
+    *shape, start = given.values()
+    z, y = u[0] + start, np.empty_like(u)
+    for k, now in enumerate(u):
+        if law == "rate_limit":
+            step = (time[k] - time[k - 1]) / shape[0] if k else 0.0
+            z += min(max(now - z, -step), step)
+            y[k] = z
+        else:
+            z = min(max(z, now - shape[1]), now + shape[1])
+            y[k] = now - shape[0] * (now - z)
+    return y
+
+
+def driven(time: np.ndarray, force: np.ndarray) -> np.ndarray:
+    """The arm's angle for a force of line segments, by SciPy."""
+    states = ([[0.0, 1.0], [-40.0, -1.5]], [[0.0], [1.0]], [[1.0, 0.0]], [[0.0]])
+    return lsim(states, force, time, [0.2, 0.0])[1]
+
+
+@pytest.mark.parametrize("law", ["rate_limit", "hysteresis"])
+@pytest.mark.parametrize("interpolation", ["hold", "linear"])
+def test_a_law_that_remembers_a_recorded_input_acts_exactly(law, interpolation, arm, here):
+    """Beside a scan of a grid a thousand times as fine and SciPy; its slopes beside differences."""
+    id_ = f"{law}@u"
+    given = values_of(arm, id_)
+    problem = posed(arm.with_candidates([id_]).model, given, interpolation)
+    assert [o.memory for o in operators_in_use(problem).values()] == ["rate_limit" if law == "rate_limit" else "play"]
+    y, slopes = run(problem, given, here, delay=0.0)
+    u, wind = problem.experiments[0].inputs
+    fine = np.linspace(0.0, 8.0, 400_001)
+    at = np.interp(fine, TIME, u.values) if interpolation == "linear" else u.values[(np.arange(fine.size) // 1000)]
+    expected = driven(fine, remembered(law, fine, at, given) + np.interp(fine, TIME, wind.values))
+    np.testing.assert_allclose(y[:, 0], expected[::1000], atol=5e-5 * np.ptp(y[:, 0]))
+    for k, name in enumerate(given):
+        step = 1e-4 * given[name]
+        sides = [run(problem, {**given, name: given[name] + s}, here, delay=0.0)[0] for s in (step, -step)]
+        np.testing.assert_allclose(
+            slopes[:, :, k], (sides[0] - sides[1]) / (2 * step), atol=2e-3 * np.abs(slopes[:, :, k]).max()
+        )
+
+
+@pytest.mark.parametrize("law", ["rate_limit", "hysteresis"])
+@pytest.mark.parametrize("interpolation", ["hold", "linear"])
+def test_a_law_that_remembers_its_input_is_the_written_law_but_for_its_rounding(
+    law, interpolation, arm, here, tmp_path
+):
+    id_ = f"{law}@u"
+    given = values_of(arm, id_)
+    problem = posed(arm.with_candidates([id_]).model, given, interpolation)
+    y, _ = run(problem, given, here)
+    kept, _ = run(replace(problem, model=replace(problem.model, operators=())), given, here)
+    written, _ = run(posed(inside(arm, [id_], tmp_path / "in.fmu"), given, interpolation), given, here)
+    np.testing.assert_allclose(kept, written, atol=1e-6 * np.ptp(written))
+    assert np.all(np.abs(y - written).max(axis=0) <= 1e-4 * np.ptp(written, axis=0))
 
 
 @pytest.mark.parametrize(("interpolation", "tolerance"), [("hold", 1e-6), ("linear", 1e-4)])

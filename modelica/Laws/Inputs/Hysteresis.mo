@@ -7,7 +7,7 @@ model Hysteresis "An actuator with play, or a part of it"
   Real z(nominal = u_n) "Where the play has been pushed to";
 protected
   parameter Real T = if s_p > 0 then 5e-3 * t_n else 1e6 * t_n "Time in which the play is pushed; without a share nothing moves";
-  final parameter Real u_smooth = 1e-3 * u_n "Width of the rounding at the ends of the play";
+  final parameter Real u_smooth = 1e-4 * u_n "Width of the rounding at the ends of the play";
   Real e "How far the input has gone beyond the play's end";
 initial equation
   z = u + start_z;
@@ -15,7 +15,7 @@ equation
   e = noEvent(if u - z > u_p then (u - z - u_p) ^ 2 / (u - z - u_p + u_smooth) elseif z - u > u_p then -(z - u - u_p) ^ 2 / (z - u - u_p + u_smooth) else 0);
   T * der(z) = e;
   y = u - s_p * (u - z - e);
-  annotation (Documentation(info = "<html>
+  annotation (__aero_bayes(memory = "play"), Documentation(info = "<html>
 <p>A share <code>s_p</code> of the input is pushed through a play: it stands still until the input has gone <code>u_p</code> past it, and is pushed along from then
 on. All of it is backlash as in a linkage or a valve that sticks; a part of it hysteresis as in a piezo or a magnet. What has gone beyond the play's end counts at
 once, before the play is there; within its ends nothing moves at all. It starts in the middle of the play, or <code>start_z</code> beside it: a recording may begin in motion.</p>

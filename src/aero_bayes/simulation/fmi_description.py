@@ -18,6 +18,7 @@ from aero_bayes.simulation.model_description import (
     Kind,
     ModelDescription,
     Variable,
+    memory_named,
     outputs_named_by_states,
 )
 
@@ -321,6 +322,8 @@ def _description(path: Path, root: Element, interface: Element, three: bool) -> 
                 o.get("signal", ""),
                 tuple(o.get("parameters", "").split()),
                 int(o.get("raw", "")) if "raw" in o.attrib else None,
+                memory_named(o.get("memory", "")),
+                tuple(map(int, o.get("states", "").split())),
             )
             for o in root.iterfind(_OPERATORS)
         ),
@@ -345,6 +348,9 @@ def add_annotations(root: Element, operators: Sequence[DescribedOperator], relay
         element = SubElement(laws, "Operator", signal=o.signal, parameters=" ".join(o.parameters))
         if o.raw is not None:
             element.set("raw", str(o.raw))
+        if o.memory:
+            element.set("memory", o.memory)
+            element.set("states", " ".join(map(str, o.states)))
     if relay is not None:
         states, gains = (" ".join(map(str, part)) for part in zip(*relay.speed, strict=True))
         SubElement(laws, "Relay", held=str(relay.held), direction=str(relay.direction), states=states, gains=gains)

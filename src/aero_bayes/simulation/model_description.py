@@ -6,7 +6,7 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Literal, get_args
 
 from aero_bayes.errors import InputError
 from aero_bayes.modelica.build import this_machine
@@ -48,15 +48,32 @@ class Variable:
 OWN_EXPORTER = "aero-bayes"
 
 
+#: How a law at an input remembers it. The parameters of a rate limit are the inverse of the rate and where it
+#: starts, beyond the input; those of a play its share, half its width, and that start.
+Memory = Literal["", "rate_limit", "play"]
+MEMORIES: tuple[Memory, ...] = get_args(Memory)
+
+
+def memory_named(text: str) -> Memory:
+    """Return the kind of memory of this name; InputError with those there are otherwise."""
+    found = next((kind for kind in MEMORIES if kind == text), None)
+    if found is None:
+        raise InputError(f"there is no memory {text!r} of a law; there are {', '.join(MEMORIES[1:])}")
+    return found
+
+
 @dataclass(frozen=True)
 class DescribedOperator:
     """Laws that act on an input and may be applied to its signal beforehand, or on an output and to its samples.
 
-    ``parameters`` are those that they have, ``raw`` is the value reference of what those at an output act on."""
+    ``parameters`` are those that they have, ``raw`` is the value reference of what those at an output act on. One law
+    at an input may remember it, as a rate limit or a play does (``memory``); ``states`` are its own, by position."""
 
     signal: str
     parameters: tuple[str, ...]
     raw: int | None = None
+    memory: Memory = ""
+    states: tuple[int, ...] = ()
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import os
 import struct
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from itertools import accumulate
 from pathlib import Path
 from typing import Any
@@ -27,7 +28,7 @@ from aero_bayes.simulation.interface import (
     ProblemTarget,
     Trajectories,
 )
-from aero_bayes.simulation.model_description import DescribedOperator, ModelDescription
+from aero_bayes.simulation.model_description import MEMORIES, DescribedOperator, ModelDescription
 from aero_bayes.simulation.problem_checks import (
     check_active,
     check_noise,
@@ -38,7 +39,7 @@ from aero_bayes.simulation.problem_checks import (
 )
 from aero_bayes.simulation.workers import WorkerPool
 
-_MAGIC = 0x414253504543000B
+_MAGIC = 0x414253504543000C
 _KINDS = {"real": 0, "integer": 1, "boolean": 2, "enumeration": 3}
 
 
@@ -154,9 +155,26 @@ def operators_in_use(problem: Problem) -> dict[int, DescribedOperator]:
     return (before if all(o.signal in recorded for o in before.values()) else {}) | behind
 
 
+def _without_memories(model: ModelDescription, operators: Iterable[DescribedOperator]) -> ModelDescription:
+    """Return a model without the states of laws that act on the signals themselves."""
+    left = {k for o in operators for k in o.states}
+    if not left:
+        return model
+    kept = [k for k in range(len(model.states)) if k not in left]
+    pattern = model.jacobian_pattern
+    return replace(
+        model,
+        states=tuple(model.states[k] for k in kept),
+        derivatives=tuple(model.derivatives[k] for k in kept),
+        candidate_copies=tuple((name, kept.index(k)) for name, k in model.candidate_copies if k in kept),
+        jacobian_pattern=pattern and tuple(tuple(kept.index(i) for i in pattern[k] if i not in left) for k in kept),
+    )
+
+
 def write_problem(problem: Problem, binary: Path, path: Path) -> None:
     """Write `problem`, whose FMU is unpacked around `binary`, to `path` (by way of a temporary name)."""
-    model = problem.model
+    operators = operators_in_use(problem)
+    model = _without_memories(problem.model, operators.values())
     n = len(model.states)
     everything = tuple(tuple(range(n)) for _ in range(n))
     pattern = model.jacobian_pattern if model.jacobian_pattern is not None else everything
@@ -184,10 +202,9 @@ def write_problem(problem: Problem, binary: Path, path: Path) -> None:
     w.real(settings.relative_tolerance, settings.absolute_tolerance)
     w.integer(settings.max_steps)
     w.real(settings.time_limit)
-    operators = operators_in_use(problem)
     w.integer(len(operators), sum(o.raw is None for o in operators.values()))
     for k, o in operators.items():
-        w.integer(k)
+        w.integer(k, MEMORIES.index(o.memory))
         w.integers([model.parameter(name).value_reference for name in o.parameters])
     relay = model.relay if problem.process is None else None
     w.integers([state for state, _ in relay.speed] if relay else [])

@@ -259,13 +259,18 @@ class _Attaching:
             operators[signal] = SignalOperator((own,), terms[0][0], self._output_behind(signal))
 
     def _note_operator(self, placed: Placed, operators: dict[str, SignalOperator]) -> None:
-        """Note a law without states that acts on a recorded signal alone, or on what such laws make of it."""
+        """Note a law that acts on a recorded signal alone: one that remembers it, or one without states, which may also
+        act on what such laws make of it."""
         own = self._own_input(placed[0].port)
         k = self.base.inputs.index(own)
         before = operators[own].laws if own in operators else ()
         source = self._acts(self.placed[before[-1]]) if before else Source(INPUT, k)
-        if self.acting[own] == ((source, 1.0),) and self._is_function(placed):
+        if self.acting[own] != ((source, 1.0),):
+            return
+        if self._is_function(placed) and not (before and operators[own].memory):
             operators[own] = SignalOperator((*before, self._part(placed) - 1), Source(INPUT, k))
+        elif not before and placed[0].law.memory:
+            operators[own] = SignalOperator((self._part(placed) - 1,), Source(INPUT, k), memory=placed[0].law.memory)
 
     def _output_behind(self, signal: str) -> str:
         """Return the output behind the name of a signal: an FMU's output may be no identifier."""

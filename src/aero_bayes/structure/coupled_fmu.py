@@ -21,7 +21,7 @@ from aero_bayes.modelica.codegen import GIVEN, HELD
 from aero_bayes.modelica.embedded import DescribedVariable, add_variables
 from aero_bayes.simulation.fmi_description import add_annotations
 from aero_bayes.simulation.model import Model
-from aero_bayes.simulation.model_description import BINARY_FOLDERS, DescribedOperator, DescribedRelay, Variable
+from aero_bayes.simulation.model_description import BINARY_FOLDERS, DescribedOperator, DescribedRelay, Memory, Variable
 
 #: In place of a part: the source of a value is an input of the whole, or a state of the base, by its position.
 INPUT, STATE = -2, -1
@@ -82,12 +82,14 @@ class AttachedLaw:
 class SignalOperator:
     """Laws that act on a signal one after the other and read nothing else, by the positions of all.
 
-    ``signal`` is an input of the whole; a simulator may apply them to it beforehand, and leave their equations out. Or
-    it is a value behind ``output``, to whose samples a simulator may apply them."""
+    ``signal`` is an input of the whole; a simulator may apply them to it beforehand, and leave their equations out. One
+    law there may remember the signal (``memory``). Or it is a value behind ``output``, to whose samples a simulator may
+    apply them."""
 
     laws: tuple[int, ...]
     signal: Source
     output: str = ""
+    memory: Memory = ""
 
 
 @dataclass(frozen=True)
@@ -310,6 +312,13 @@ class _Table:
                 else:
                     yield _Shown(v, v.name, "output", ((source.part, source.reference),), initial="calculated")
 
+    def _states(self, o: SignalOperator) -> tuple[int, ...]:
+        """Return the positions of the states of a law that remembers its input."""
+        if not o.memory:
+            return ()
+        first = sum(len(model.states) for model in self.models[: o.laws[0] + 1])
+        return tuple(range(first, first + len(self.models[o.laws[0] + 1].states)))
+
     def _raw_name(self, o: SignalOperator) -> str:
         """Return the name of what laws at an output act on."""
         if o.signal.part == STATE:
@@ -370,7 +379,7 @@ class _Table:
         add_annotations(root, [
             DescribedOperator(o.output or self.coupling.inputs[o.signal.reference],
                               tuple(v.name for law in o.laws for v in self.coupling.laws[law].parameters.values()),
-                              place[self._raw_name(o)] if o.output else None)
+                              place[self._raw_name(o)] if o.output else None, o.memory, self._states(o))
             for o in self.coupling.operators
         ], self._described_relay(place))  # fmt: skip
         add_variables(root, [

@@ -15,6 +15,7 @@ from aero_bayes.modelica.parse import Token, evaluate_expression, parse_expressi
 from aero_bayes.modelica.sources import inline_base_classes, modelica_files, sources_in
 from aero_bayes.modelica.syntax import Expression, Text, arguments_of, names_in
 from aero_bayes.modelica.units import dimension, in_base_units_if_scaled, unit_factors, unit_text
+from aero_bayes.simulation.model_description import Memory, memory_named
 
 LawKind = Literal[
     "input", "output", "reading", "motion", "storage", "overflow", "exchange", "electrical", "replaceable"
@@ -107,6 +108,7 @@ class Law:
     both_signs: str = ""
     nonnegative: str = ""
     delay: str = ""
+    memory: Memory = ""
     absolute: str = ""
     starts: tuple[LawParameter, ...] = ()
 
@@ -203,6 +205,7 @@ def _law(cls: ClassText, interface: LawInterface, base: ClassText, text: str, me
         both_signs=annotation_text(cls.annotation, "both_signs"),
         nonnegative=annotation_text(cls.annotation, "nonnegative"),
         delay=annotation_text(cls.annotation, "delay"),
+        memory=memory_named(annotation_text(cls.annotation, "memory")),
         absolute=annotation_text(cls.annotation, "absolute"),
         interface=interface,
         text=text,

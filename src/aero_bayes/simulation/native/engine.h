@@ -7,6 +7,7 @@
  *   probe.c        what an FMU does that its description does not say, and whether its derivatives can be built on
  *   inputs.c       input signals, their delay, and the times at which they break
  *   operators.c    what laws at an input make of its signal
+ *   memory.c       the same of laws that remember it
  *   relay.c        a law that steps by the sign of a speed, held on a side, and rest
  *   rodas.c        the Rosenbrock step, its linear algebra and error estimate
  *   sensitivity.c  forward sensitivities on the same steps
@@ -73,6 +74,7 @@ typedef struct {
 /* Laws that act on an input or on an output one after the other, by the parameters that they have in the model. */
 typedef struct {
     int chain; /* its number in the FMU */
+    int memory; /* of a law that remembers its input, which kind it is */
     int64_t n;
     fmi_reference *reference;
 } Operator;
@@ -82,8 +84,9 @@ typedef struct {
     double *memory;
     int64_t count, room; /* cells; and for how many there is room */
     double *time, *value, *slope; /* of each cell, at its beginning */
-    double *key;    /* parameters for which they hold, */
+    double *key;    /* parameters for which they hold, and when a law with a memory starts, */
     int holds;      /* if this is not 0; more than 1 where the derivatives hold too */
+    int lines;      /* they are in place of something that bends */
     int *column_of; /* of each parameter, or -1 */
     double **by;    /* by each parameter that has a column: values, then slopes of all cells */
     double *by_now; /* the same while outputs are read */
@@ -299,6 +302,7 @@ int initialise(Run *);
 int read_nominals(Run *);
 
 /* inputs.c */
+void inputs_delay(Run *);
 void inputs_prepare(Run *);
 int inputs_pass(Run *, int *kink);
 void inputs_enter(Run *, double t);
@@ -311,15 +315,19 @@ int inputs_jump(Run *, double t);
 
 /* operators.c */
 int operators_open(Run *);
-static inline int64_t operator_room(const Signal *s) { return s->linear ? 2 * s->count : s->count + 1; }
+static inline int64_t operator_room(const Signal *s) { return 2 * s->count + 2; }
 void operators_close(Run *);
 int operators_apply(Run *, int with_columns);
 int operators_at(Run *, int signal, double time, double *value, double *slope, double *by);
 int acts_apart(const Problem *, const Target *);
 int operators_on_outputs(Run *);
 /* Are lines in place of what an operator makes of a signal? */
-static inline int has_lines(const Run *r, int i) { return r->drive && r->e->signals[i].linear && r->drive[i].count > 0; }
+static inline int has_lines(const Run *r, int i) { return r->drive && r->drive[i].lines; }
 static inline int is_driven(const Run *r, int signal) { return r->drive && r->drive[signal].count > 0; }
+
+/* memory.c */
+enum { WITHOUT_MEMORY, RATE_LIMIT, PLAY };
+void memory_apply(int kind, const Signal *, Drive *, double begin, const double *parameters, int n);
 
 /* relay.c */
 enum { RELAY_FREE, RELAY_SLIDES, RELAY_RESTS };

@@ -253,6 +253,7 @@ int initialise(Run *r)
     const size_t count = start_values(r);
     TRY(f->setup(f->instance, 0, 0.0, r->t, 0, 0.0));
     if (count) TRY(f->set_real(f->instance, r->start_reference, count, r->start_value));
+    inputs_delay(r);
     TRY(operators_apply(r, r->begins_sensitive));
     inputs_prepare(r);
     if (e->n_signals) TRY(inputs_jump(r, r->t));

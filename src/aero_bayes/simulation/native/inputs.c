@@ -90,17 +90,22 @@ int inputs_as_lines(Run *r)
     return inputs_apply(r, r->at);
 }
 
-/* Delay and the list of breaks of this run; the segment at r->t is entered. */
+/* Delays of this run. */
+void inputs_delay(Run *r)
+{
+    for (int i = 0; i < r->e->n_signals; i++) {
+        r->delay[i] = 0.0;
+        for (int64_t j = 0; r->values && j < r->problem->p; j++)
+            if (delays(&r->e->targets[j], i)) r->delay[i] += r->values[j];
+    }
+}
+
+/* The list of breaks of this run; the segment at r->t is entered. */
 void inputs_prepare(Run *r)
 {
     const Experiment *e = r->e;
     const double tiny = r->resolution = resolution(r), from = e->time[0] + tiny, to = e->time[e->n - 1] + tiny;
     r->t_end = e->time[e->n - 1];
-    for (int i = 0; i < e->n_signals; i++) {
-        r->delay[i] = 0.0;
-        for (int64_t j = 0; r->values && j < r->problem->p; j++)
-            if (delays(&e->targets[j], i)) r->delay[i] += r->values[j];
-    }
     r->n_breaks = r->next_break = 0;
     r->any_linear = 0;
     int filled = 0;
@@ -109,7 +114,7 @@ void inputs_prepare(Run *r)
         const double *v = s->values;
         r->u_reference[i] = s->reference;
         r->cell[i] = 0;
-        r->any_linear |= s->linear;
+        r->any_linear |= s->linear || (s->operator >= 0 && r->problem->operators[s->operator].memory == RATE_LIMIT);
         const int64_t before = r->n_breaks;
         if (is_driven(r, i)) add_driven_breaks(r, i, from, to);
         for (int64_t b = 0; b < s->n_breaks && !is_driven(r, i); b++) {

@@ -224,12 +224,17 @@ int operators_apply(Run *r, int with_columns)
         int n_known = 0;
         int status = r->fmu->get_real(r->fmu->instance, o->reference, (size_t)o->n, now);
         if (is_error(status)) return status;
+        now[o->n] = o->memory ? r->e->time[0] - r->delay[i] : 0.0;
         for (int64_t j = 0; j < o->n && with_columns; j++)
             if (d->column_of[j] >= 0) known[n_known++] = o->reference[j];
-        if (d->holds > (n_known > 0) && !memcmp(now, d->key, sizeof *now * (size_t)o->n)) continue;
-        status = (s->linear ? apply_linear : apply_held)(r, s, d, n_known, known);
+        if (d->holds > (n_known > 0) && !memcmp(now, d->key, sizeof now)) continue;
+        d->lines = s->linear && !o->memory;
+        if (o->memory)
+            memory_apply(o->memory, s, d, now[o->n], now, (int)o->n);
+        else
+            status = (s->linear ? apply_linear : apply_held)(r, s, d, n_known, known);
         if (is_error(status)) return status;
-        memcpy(d->key, now, sizeof *now * (size_t)o->n);
+        memcpy(d->key, now, sizeof now);
         d->holds = 1 + (n_known > 0);
     }
     return FMI_OK;
@@ -303,13 +308,13 @@ int operators_open(Run *r)
             }
             rows += d->column_of[j] >= 0;
         }
-        d->memory = calloc((size_t)(d->room * (3 + 2 * rows) + 2 * o->n + 1), sizeof *d->memory);
+        d->memory = calloc((size_t)(d->room * (3 + 2 * rows) + 2 * o->n + 2), sizeof *d->memory);
         if (!d->memory) return 0;
         d->time = d->memory, d->value = d->time + d->room, d->slope = d->value + d->room;
         d->key = d->slope + d->room;
         memcpy(d->time + 1, s->time, sizeof *s->time * (size_t)s->count);
         d->time[0] = s->time[0];
-        d->by_now = d->key + o->n;
+        d->by_now = d->key + o->n + 1;
         double *next = d->by_now + o->n;
         for (int64_t j = 0, row = 0; j < o->n; j++) {
             if (d->column_of[j] < 0) continue;

@@ -6,7 +6,7 @@
 
 #include "engine.h"
 
-#define SPEC_MAGIC 0x414253504543000BLL
+#define SPEC_MAGIC 0x414253504543000CLL
 
 typedef struct Owned {
     struct Owned *next;
@@ -226,6 +226,7 @@ static void read_problem(Reader *r, Problem *p)
     r->broken |= p->n_driving < 0 || p->n_driving > p->n_operators;
     for (int64_t k = 0; k < p->n_operators && !r->broken; k++) {
         p->operators[k].chain = (int)integer(r);
+        p->operators[k].memory = (int)integer(r);
         p->operators[k].reference = references(r, -1, &p->operators[k].n);
     }
     p->relay.state = integers(r, -1, &count);
