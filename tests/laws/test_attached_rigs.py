@@ -38,7 +38,8 @@ def outputs(model: Model, given: dict[str, float], pool: WorkerPool) -> np.ndarr
     )
     experiment = Experiment(TIME, tuple(v.name for v in model.outputs), inputs)
     targets = tuple(map(ParameterTarget, given))
-    model = replace(model, relay=None)  # as written: rounded
+    # as written: rounded
+    model = replace(model, relay=None, operators=() if any(o.memory for o in model.operators) else model.operators)
     problem = Problem(model, (experiment,), (targets,), settings=SolverSettings(1e-11, 1e-11, 200_000, 60.0))
     with open_simulator(problem, pool=pool) as simulator:
         found = simulator.simulate(np.array([[*given.values()]]))

@@ -109,9 +109,9 @@ CLOSED: dict[tuple[str, str], Callable[..., float]] = {
     ("storage", "curve"): lambda h, **c: bumps(h / SIZES["h_n"], c),
     ("electrical", "curve"): lambda i, **c: bumps(i / SIZES["i_n"], c),
 }
-#: A limit beyond what occurs cannot be felt, nor a narrow bump beside it, a play that rests in its middle, a sign that
-#: is read right.
-UNFELT_AT_ZERO = {"saturation", "saturation_by_side", "unsigned", "fine_position_curve", "hysteresis"}
+#: A limit beyond what occurs cannot be felt, of a value or of its rate, nor a narrow bump beside it, a play that rests
+#: in its middle, a sign that is read right.
+UNFELT_AT_ZERO = {"saturation", "saturation_by_side", "unsigned", "fine_position_curve", "hysteresis", "rate_limit"}
 
 
 def test_the_library_has_every_law_that_is_listed(laws):

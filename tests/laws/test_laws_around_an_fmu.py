@@ -71,7 +71,8 @@ def placed_laws(ports: tuple[Port, ...], laws: tuple[Law, ...], flat: FlatModel)
 
 def run(path: Path) -> tuple[FloatArray, FloatArray]:
     """Outputs and their sensitivities to all parameters that matter, by the names that both models share."""
-    model = replace(Model.load(path), relay=None)
+    model = Model.load(path)
+    model = replace(model, relay=None, operators=() if any(o.memory for o in model.operators) else model.operators)
     t = np.linspace(0.0, 6.0, 301)
     signal = InputSignal("u", t, 2.0 * np.sign(np.sin(2.0 * t)) + np.sin(5.0 * t))
     names = ("m", "d", "u_d", "T_l", "T_d", "g", "F_c")
