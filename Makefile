@@ -10,6 +10,7 @@ PYTHON ?= python3
 VENV   ?= .venv
 BIN    := $(VENV)/bin
 RUN    := $(BIN)/aero-bayes
+INSTALL = $(BIN)/python -m pip install --quiet --no-compile --disable-pip-version-check
 
 MODEL   ?= $(if $(CONFIG),,Aero.Systems.OneDof)
 SEED    ?= 1
@@ -42,10 +43,13 @@ help: ## what each target does
 
 setup: $(VENV)/.installed
 
+# The engine is compiled beside the installation of what it needs.
 $(VENV)/.installed: pyproject.toml requirements.lock $(wildcard src/aero_bayes/simulation/native/*.[ch])
 	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --no-compile --disable-pip-version-check -c requirements.lock -e .
+	$(BIN)/python -c 'import tomllib; print(*tomllib.load(open("pyproject.toml", "rb"))["project"]["dependencies"], sep="\n")' > $(VENV)/needed.txt
+	$(INSTALL) --no-deps -e . & engine=$$!; $(INSTALL) -c requirements.lock -r $(VENV)/needed.txt && wait $$engine
 	touch $@
+	@$(BIN)/python -c 'import arviz' > /dev/null 2>&1 & # the last import is compiled beside the first simulations
 
 $(VENV)/.tested: $(VENV)/.installed
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c requirements.lock -e '.[fleet,test]'

@@ -145,8 +145,9 @@ def check_convergence(samples: FloatArray, *, coupled: bool = True) -> Convergen
     return Convergence(r_hat(samples), tau, size / tau, size / max(tails))
 
 
-#: Smallest number of steps that are judged, and of autocorrelation times of a chain whose walkers depend on each other.
-MIN_STEPS, MIN_AUTOCORRELATION_TIMES = 50, 50.0
+#: Smallest number of steps that are judged (of walkers that do not depend on each other: some hundred series), and of
+#: autocorrelation times of a chain whose walkers do.
+MIN_STEPS, MIN_AUTOCORRELATION_TIMES = 25, 50.0
 
 
 @dataclass(frozen=True)

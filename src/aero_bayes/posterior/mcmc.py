@@ -9,9 +9,11 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
+from threading import Lock
 from typing import Protocol
 
 import emcee
@@ -75,6 +77,7 @@ class Ensembles:
         self._seen: list[FloatArray] = []
         self._states: list[emcee.State] = []
         self._samplers: list[emcee.EnsembleSampler] = []
+        self._simulates = Lock()
 
     @property
     def kept(self) -> int:
@@ -94,7 +97,8 @@ class Ensembles:
         return np.empty((*shape, self.dimension)), np.empty(shape)
 
     def _evaluate(self, points: FloatArray) -> FloatArray:
-        value = np.asarray(self.density(points))
+        with self._simulates:
+            value = np.asarray(self.density(points))
         self.evaluations += int(np.sum(np.isfinite(self.prior(points))))
         if not self.adaptation.frozen:
             known = np.isfinite(value)
@@ -134,9 +138,14 @@ class Ensembles:
         self._make_samplers()
 
     def advance(self) -> None:
-        """Advance every ensemble by one step."""
-        for e, sampler in enumerate(self._samplers):
-            (self._states[e],) = sampler.sample(self._states[e], store=False, skip_initial_state_check=True)
+        """Advance every ensemble by one step: those of the kept chain side by side, as one waits for simulations."""
+
+        def step(e: int) -> emcee.State:
+            (state,) = self._samplers[e].sample(self._states[e], store=False, skip_initial_state_check=True)
+            return state
+
+        with ThreadPoolExecutor(len(self._samplers) if self.adaptation.frozen else 1) as threads:
+            self._states = [*threads.map(step, range(len(self._samplers)))]
         self.visited.append(np.stack([state.coords for state in self._states]))
         self._levels.append(np.stack([state.log_prob for state in self._states]))
         if self._left > 0:
