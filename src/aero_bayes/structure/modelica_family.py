@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import itertools
 import math
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
@@ -164,7 +164,8 @@ def fitted_parameters(placed: PlacedLaw) -> list[Parameter]:
 
 
 def starting_values(placed: PlacedLaw, effect: DeclaredEffect | None = None, highest: float = 1.0) -> Starts:
-    """Return starting values of the parameters of a law: all combinations of a few values of each.
+    """Return starting values of the parameters of a law: each magnitude with the first value of each further one, and
+    with the others of one at a time.
 
     Magnitudes have both signs where the bounds allow it."""
     if placed.law.curve_input:
@@ -191,7 +192,15 @@ def starting_values(placed: PlacedLaw, effect: DeclaredEffect | None = None, hig
         else:
             values = [scale] if low >= 0.0 else [scale, -scale]
         choices.append(values)
-    return tuple(itertools.product(*choices))
+    return tuple((size, *shape) for size in choices[0] for shape in _one_at_a_time(choices[1:]))
+
+
+def _one_at_a_time(choices: Sequence[Collection[float]]) -> Iterator[tuple[float, ...]]:
+    """Yield the first values of all, then each other value of one among the first ones of the rest."""
+    first = tuple(next(iter(values)) for values in choices)
+    yield first
+    for k, values in enumerate(choices):
+        yield from ((*first[:k], value, *first[k + 1 :]) for value in values if value != first[k])
 
 
 def _declared(placed: PlacedLaw, effect: DeclaredEffect, highest: float) -> Starts:
