@@ -11,6 +11,7 @@ from aero_bayes.simulation.interface import (
     DelayTarget,
     Experiment,
     InputSignal,
+    ParameterTarget,
     Problem,
     ProblemTarget,
     SolverSettings,
@@ -105,3 +106,14 @@ def test_straight_lines_and_steps_are_delayed_apart(model):
 def test_a_delay_of_an_input_that_is_not_there_is_refused(model):
     with pytest.raises(InputError, match="input 'v'"):
         simulated(model, (), (DelayTarget("v"),), (0.1,), "native")
+
+
+@pytest.mark.parametrize("late", [0.0, 0.013])
+def test_slopes_at_samples_between_two_values_of_a_held_input_are_differences(model, late: float):
+    rng = np.random.default_rng(3)
+    times = TIME[::2] if late == 0.0 else TIME
+    signals = tuple(InputSignal(name, times, rng.uniform(-1.0, 1.0, times.size)) for name in ("u", "w"))
+    targets = (ParameterTarget("k"), DelayTarget())
+    _, slopes = simulated(model, signals, targets, (K, late), "native")
+    above, below = (simulated(model, signals, targets, (K + d, late), "native")[0] for d in (1e-5, -1e-5))
+    np.testing.assert_allclose(slopes[..., 0], (above - below) / 2e-5, atol=1e-7 * np.abs(slopes[..., 0]).max())

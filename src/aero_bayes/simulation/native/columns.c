@@ -90,7 +90,10 @@ static int jacobian_less(Run *r, double t, const double *x, const double *a, dou
 static int begin(Run *r, int whole)
 {
     Exponential *k = r->exponential;
-    if (k->carried) return FMI_OK;
+    if (k->carried) {
+        memcpy(k->s_slope, k->s_ramp, sizeof *k->s_slope * width(r));
+        return FMI_OK;
+    }
     int status = set_point(r, r->t, r->x);
     if (!is_error(status)) status = sensitivity_slopes(r, k->s_slope);
     if (!is_error(status) && whole) status = jacobian_less(r, r->t, r->x, NULL, k->nearness[0]);
@@ -153,15 +156,17 @@ static double correct(Run *r, const StepTable *t, const double *rest)
     return error <= CHANGE ? error : INFINITY;
 }
 
-/* The slopes of a linear model's columns at the end of a step without slopes of inputs. */
+/* The slopes of a linear model's columns at the end of a step without slopes of inputs, to where these would be: samples
+ * within the step need those at its beginning. */
 static void carry(Run *r)
 {
     Exponential *k = r->exponential;
-    double *more = k->s_ramp;
+    double *more = r->sv;
     for (size_t i = 0; i < width(r); i++) more[i] = r->s1[i] - r->s[i];
-    apply(r, k->s_slope, k->system.a.value, more);
+    memcpy(k->s_ramp, k->s_slope, sizeof *more * width(r));
+    apply(r, k->s_ramp, k->system.a.value, more);
     for (int i = 0; i < r->n; i++) k->v[i] = k->x[NODES_X - 1][i] - k->x0[i];
-    kernels->apply(k->s_slope, k->system.a.slopes, k->v, r->n, (int)width(r));
+    kernels->apply(k->s_ramp, k->system.a.slopes, k->v, r->n, (int)width(r));
 }
 
 /* S at the end of the step that the states have just taken, to r->s1; its error in units of the tolerance. */
