@@ -258,6 +258,19 @@ def test_laws_without_states_at_an_output_act_on_its_samples(ids, raw, interpola
     np.testing.assert_allclose(slopes, slopes_written, atol=1e-4 * np.abs(slopes_written).max())
 
 
+def test_laws_at_an_output_act_once_where_slopes_are_differences(here, tmp_path):
+    """A state that jumps leaves the engine no derivatives."""
+    stop = "  when x < -0.03 then\n    reinit(v, -0.5 * pre(v));\n  end when;\n"
+    (tmp_path / "Arm.mo").write_text(SOURCE.replace("  angle = x;\n", f"  angle = x;\n{stop}"), encoding="utf-8")
+    found = placed_family("Arm", tmp_path / "Arm.mo")
+    given = values_of(found, "gain@angle")
+    problem = posed(found.with_candidates(["gain@angle"]).model, given, "hold")
+    with open_simulator(problem, pool=here) as simulator:
+        values = np.array([[*given.values(), 0.2, 0.0]])
+        plain, beside = simulator.simulate(values), simulator.simulate(values, active=range(3))
+    np.testing.assert_allclose(beside.outputs[0], plain.outputs[0], atol=1e-9)
+
+
 INTEGRATOR = """model Tank
   input Real u;
   output Real level = h;

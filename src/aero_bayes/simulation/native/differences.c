@@ -153,6 +153,7 @@ static void hand_over(Run *r, const double *base, double *const *slopes)
         for (int64_t o = 0; o < r->e->m; o++) r->sink.kept[o * r->e->n + i] = base[i * width(r) + o];
 }
 
+/* The plain runs' outputs are those of laws at them. */
 static void feed(Run *r, const double *base, double *const *slopes)
 {
     Sink *k = &r->sink;
@@ -163,9 +164,9 @@ static void feed(Run *r, const double *base, double *const *slopes)
             double *s = k->s + (o * BLOCK + k->filled) * r->ld;
             for (int j = 0; j < r->q; j++) s[j] = slopes[j][i * e->m + o];
         }
-        if (++k->filled == BLOCK) sink_flush(r);
+        if (++k->filled == BLOCK) sink_pass_on(r);
     }
-    sink_flush(r);
+    if (k->filled) sink_pass_on(r);
 }
 
 /* One run with sensitivities into r's sink, which was begun. */

@@ -376,6 +376,7 @@ int read_values(Run *, double t, const double *x, double *y, int64_t stride);
 void sink_begin(Run *, int mode, const double *noise);
 int emit_until(Run *, double h, double limit, int inclusive);
 int sink_flush(Run *);
+void sink_pass_on(Run *);
 
 /* kalman.c */
 static inline int filters(const Run *r) { return r->mode >= MODE_FILTER; }

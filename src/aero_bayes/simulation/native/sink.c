@@ -182,12 +182,10 @@ static void flush_output(Run *r, int64_t o)
     }
 }
 
-int sink_flush(Run *r)
+/* The block as it is. */
+void sink_pass_on(Run *r)
 {
     Sink *k = &r->sink;
-    if (!k->filled) return FMI_OK;
-    const int status = operators_on_outputs(r);
-    if (is_error(status)) return status;
     for (int64_t o = 0; k->kept && o < r->e->m; o++)
         memcpy(k->kept + o * r->e->n + k->first, k->y + o * BLOCK, sizeof *k->y * (size_t)k->filled);
     if (k->mode == MODE_TRAJECTORY)
@@ -196,7 +194,14 @@ int sink_flush(Run *r)
         for (int64_t o = 0; o < r->e->m; o++) flush_output(r, o);
     k->first += k->filled;
     k->filled = 0;
-    return FMI_OK;
+}
+
+int sink_flush(Run *r)
+{
+    if (!r->sink.filled) return FMI_OK;
+    const int status = operators_on_outputs(r);
+    if (!is_error(status)) sink_pass_on(r);
+    return status;
 }
 
 enum { NODES = 6, POINTS = PIECE_POINTS, SHORT = 22 };
