@@ -258,6 +258,41 @@ def test_laws_without_states_at_an_output_act_on_its_samples(ids, raw, interpola
     np.testing.assert_allclose(slopes, slopes_written, atol=1e-4 * np.abs(slopes_written).max())
 
 
+TWO_LAGS = """model Lags
+  input Real u;
+  output Real a(start = 0, fixed = true);
+  output Real b(start = 0, fixed = true);
+  output Real sum = a + b;
+equation
+  der(a) = 2 * (u - a);
+  der(b) = 0.5 * (u - b);
+end Lags;
+"""
+
+
+@pytest.fixture(scope="module")
+def lags(tmp_path_factory: pytest.TempPathFactory) -> ModelicaFamily:
+    folder = tmp_path_factory.mktemp("lags")
+    (folder / "Lags.mo").write_text(TWO_LAGS, encoding="utf-8")
+    return placed_family("Lags", folder / "Lags.mo")
+
+
+@pytest.mark.parametrize("ids", [["gain@output_a+output_b+sum"], ["lag@output_b", "gain@output_a+output_b+sum"]])
+def test_laws_that_share_a_parameter_have_its_slope_at_all_their_places(ids, lags, here):
+    offer = lags.with_candidates(ids).model
+    given = {k: v for id_ in ids for k, v in values_of(lags, id_).items()}
+    experiment = Experiment(TIME, ("a", "b", "sum"), (InputSignal("u", TIME, np.sin(TIME)),))
+    targets = (tuple(map(ParameterTarget, given)),)
+    problem = Problem(offer, (experiment,), targets, settings=SolverSettings(1e-9, 1e-9))
+    assert len(operators_in_use(problem)) == 3
+    values, shared = np.array([*given.values()]), [*given].index("g_output_a_output_b_sum")
+    step = 1e-5 * (np.arange(values.size) == shared)
+    with open_simulator(problem, pool=here) as simulator:
+        slopes = simulator.simulate(values[None], active=[shared]).sensitivities[0][0][..., 0]
+        high, low = simulator.simulate(np.stack([values + step, values - step])).outputs[0]
+    np.testing.assert_allclose(slopes, (high - low) / 2e-5, atol=1e-7)
+
+
 def test_laws_at_an_output_act_once_where_slopes_are_differences(here, tmp_path):
     """A state that jumps leaves the engine no derivatives."""
     stop = "  when x < -0.03 then\n    reinit(v, -0.5 * pre(v));\n  end when;\n"

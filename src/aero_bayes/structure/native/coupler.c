@@ -379,9 +379,12 @@ static int operate(const CoupledFmu *s, const Operator *o, size_t n, double *y, 
     double by[n_known + 1];
     own[m++] = o->u;
     for (size_t k = 0; k < n_known; k++) {
-        if (known[k] == OPERATED || s->variable[known[k]].part[0] != o->part) continue;
+        const Variable *v = known[k] == OPERATED ? NULL : &s->variable[known[k]];
+        int j = 0;
+        while (v && j < v->n && v->part[j] != o->part) j++;
+        if (!v || j == v->n) continue;
         of[m] = k;
-        own[m++] = s->variable[known[k]].reference[0];
+        own[m++] = v->reference[j];
     }
     for (size_t i = 0; i < n; i++) {
         TRY(p->fmu->set_real(p->c, &o->u, 1, y + i));
