@@ -15,7 +15,8 @@ for a temperature, nor where a current flows.</li>
 <li><code>__aero_bayes(both_signs = \"v\")</code> marks a law that only a signal of both signs shows, <code>__aero_bayes(nonnegative = \"h\")</code> one that only a signal
 that never falls below zero can have, <code>__aero_bayes(delay = \"T_d\")</code> one that delays its input by <code>T_d</code> and does nothing else.</li>
 <li><code>__aero_bayes(memory = \"rate_limit\")</code> or <code>\"play\"</code> marks a law of these two, by the parameters of <b>Inputs.RateLimit</b> or <b>Inputs.Hysteresis</b>
-in their order: a search applies it to the recorded input without its rounding.</li>
+in their order: a search applies it to the recorded input without its rounding. <code>__aero_bayes(memory = \"delay\")</code> marks a law that delays a reading by
+its only parameter: a search reads a state as it was before, exactly.</li>
 <li>The law's id is the model's name in snake case: <code>CoulombFriction</code> is <code>coulomb_friction</code>.</li>
 </ul>
 </html>"));

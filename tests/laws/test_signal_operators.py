@@ -293,17 +293,106 @@ def test_laws_that_share_a_parameter_have_its_slope_at_all_their_places(ids, lag
     np.testing.assert_allclose(slopes, (high - low) / 2e-5, atol=1e-7)
 
 
-def test_laws_at_an_output_act_once_where_slopes_are_differences(here, tmp_path):
+@pytest.mark.parametrize("law", ["gain@angle", "delay@angle"])
+def test_laws_at_an_output_act_once_where_slopes_are_differences(law, here, tmp_path):
     """A state that jumps leaves the engine no derivatives."""
     stop = "  when x < -0.03 then\n    reinit(v, -0.5 * pre(v));\n  end when;\n"
     (tmp_path / "Arm.mo").write_text(SOURCE.replace("  angle = x;\n", f"  angle = x;\n{stop}"), encoding="utf-8")
     found = placed_family("Arm", tmp_path / "Arm.mo")
-    given = values_of(found, "gain@angle")
-    problem = posed(found.with_candidates(["gain@angle"]).model, given, "hold")
+    given = values_of(found, law)
+    problem = posed(found.with_candidates([law]).model, given, "hold")
     with open_simulator(problem, pool=here) as simulator:
         values = np.array([[*given.values(), 0.2, 0.0]])
         plain, beside = simulator.simulate(values), simulator.simulate(values, active=range(3))
     np.testing.assert_allclose(beside.outputs[0], plain.outputs[0], atol=1e-9)
+
+
+#: Laws at the arm that leave it linear, or not; its delay comes with a law behind it.
+BESIDE = {
+    "linear": [],
+    "static behind": ["saturation@angle"],
+    "nonlinear": ["cubic_stiffness@v"],
+    "step": ["coulomb_friction@v"],
+}
+
+
+def late(found: ModelicaFamily, beside: list[str], interpolation: Interpolation) -> tuple[Problem, dict[str, float]]:
+    """The arm with a late angle, and laws beside its delay; and their values."""
+    ids = ["delay@angle", *beside]
+    given = {k: v for id_ in ids for k, v in values_of(found, id_).items()} | {"T_d_angle": 0.137}
+    given |= {"s_angle": 4.0} if "s_angle" in given else {}
+    return posed(found.with_candidates(ids).model, given, interpolation), given
+
+
+@pytest.mark.parametrize("beside", BESIDE.values(), ids=BESIDE)
+@pytest.mark.parametrize("interpolation", ["hold", "linear"])
+def test_a_delayed_reading_of_a_state_is_the_state_before_the_delay(beside, interpolation, arm, here):
+    """Beside a run without the delay whose samples are earlier; its slopes beside differences."""
+    problem, given = late(arm, beside, interpolation)
+    (operator,) = operators_in_use(problem).values()
+    assert operator.memory == "delay"
+    y, slopes = run(problem, given, here)
+    free = {k: v for k, v in given.items() if k != "T_d_angle"}
+    (experiment,) = problem.experiments
+    bare = posed(arm.with_candidates(beside).model, free, interpolation)
+    earlier = TIME[TIME > 0.137] - 0.137
+    shifted = replace(experiment, time=np.concatenate([[0.0], earlier, [8.0]]))
+    expected = run(replace(bare, experiments=(shifted,)), free, here)[0][:-1, 0]
+    expected = np.concatenate([np.full(TIME.size - earlier.size, expected[0]), expected[1:]])
+    np.testing.assert_allclose(y[:, 0], expected, atol=1e-8 * np.ptp(expected))
+    np.testing.assert_allclose(y[:, 1], run(bare, free, here)[0][:, 1], atol=1e-8 * np.ptp(y[:, 1]))
+    undelayed = run(problem, given | {"T_d_angle": 0.0}, here)[0]
+    np.testing.assert_allclose(undelayed, run(bare, free, here)[0], atol=1e-12)
+    assert np.array_equal(run(problem, given | {"T_d_angle": -0.1}, here)[0], undelayed)
+    assert not slopes[: TIME.size - earlier.size, 0, list(given).index("T_d_angle")].any()
+    for k, name in enumerate(given):
+        step = 1e-4 * given[name]
+        high, low = (run(problem, {**given, name: given[name] + s}, here)[0] for s in (step, -step))
+        size = np.abs(slopes[..., k]).max()
+        np.testing.assert_allclose(slopes[..., k], (high - low) / (2 * step), atol=1e-5 * size + 1e-9)
+
+
+def test_readings_have_delays_of_their_own(lags, here):
+    """Two lags after a step, beside closed form; their sum is not late."""
+    model = lags.with_candidates(["delay@output_a", "delay@output_b"]).model
+    time, late = np.linspace(0.0, 4.0, 1001), np.array([0.3015, 1.7015])
+    experiment = Experiment(time, ("a", "b", "sum"), (InputSignal("u", np.array([0.0, 1.0]), np.array([0.0, 1.0])),))
+    targets = (tuple(map(ParameterTarget, ("T_d_output_a", "T_d_output_b"))),)
+    problem = Problem(model, (experiment,), targets, settings=SolverSettings(1e-10, 1e-10))
+    with open_simulator(problem, pool=here) as simulator:
+        found = simulator.simulate(late[None], active=[0, 1])
+    rates = np.array([2.0, 0.5])
+    since, moves = (time[:, None] - 1.0 - by for by in (late, 0.0))
+    decay = np.exp(-rates * np.maximum(since, 0.0))
+    y, slopes = found.outputs[0][0], found.sensitivities[0][0]
+    np.testing.assert_allclose(y[:, :2], 1.0 - decay, atol=1e-8)
+    np.testing.assert_allclose(y[:, 2], np.sum(1.0 - np.exp(-rates * np.maximum(moves, 0.0)), axis=1), atol=1e-8)
+    expected = np.zeros_like(slopes)
+    expected[:, [0, 1], [0, 1]] = np.where(since > 0.0, -rates * decay, 0.0)
+    np.testing.assert_allclose(slopes, expected, atol=1e-7)
+
+
+@pytest.mark.parametrize("beside", [[], ["saturation@angle"], ["cubic_stiffness@v"]])
+def test_a_delayed_reading_is_the_written_law_where_it_is_smooth(beside, arm, here, tmp_path):
+    problem, given = late(arm, beside, "linear")
+    given["T_d_angle"] = 0.05
+    y, slopes = run(problem, given, here)
+    written, by = run(posed(inside(arm, ["delay@angle", *beside], tmp_path / "in.fmu"), given, "linear"), given, here)
+    np.testing.assert_allclose(y, written, atol=1e-4 * np.ptp(written))
+    np.testing.assert_allclose(slopes[10:], by[10:], atol=1e-2 * np.abs(by).max())
+
+
+def test_a_delay_stays_in_the_equations_with_process_noise_and_of_what_is_no_state(arm, lags, here, tmp_path):
+    """So do those that share their time with such a one."""
+    assert not lags.with_candidates(["delay@output_a+output_b+sum"]).model.operators
+    problem, _ = late(arm, [], "linear")
+    assert not operators_in_use(replace(problem, process=ProcessNoise({"v": 0.1})))
+    for ids in (["delay@angle", "lag@angle"], ["delay@shunt"]):
+        given = {k: v for id_ in ids for k, v in values_of(arm, id_).items()}
+        problem = posed(arm.with_candidates(ids).model, given, "linear")
+        assert not operators_in_use(problem)
+        written = posed(inside(arm, ids, tmp_path / f"{len(ids)}.fmu"), given, "linear")
+        np.testing.assert_allclose(run(problem, given, here)[0], run(written, given, here)[0], atol=1e-6)
 
 
 INTEGRATOR = """model Tank

@@ -15,10 +15,11 @@ equation
   T * der(r) = s;
   T * der(s) = 1680 * ((if T_d > 0 then T else 0) * der(u) - q) - 840 * p - 180 * r - 20 * s;
   y = u - T_d / T * (q + r / 42);
-  annotation (Documentation(info = "<html>
+  annotation (__aero_bayes(memory = "delay"), Documentation(info = "<html>
 <p><code>y(t) = u(t - T_d)</code> by the Pad&eacute; approximation of fourth order: <code>q / T</code> is the rate of change passed through
 <code>1 / (1 + T s / 2 + 3 (T s)^2 / 28 + (T s)^3 / 84 + (T s)^4 / 1680)</code>. For a motion of angular frequency <code>a</code> the error is
-<code>(a T_d)^9 / 25401600</code> of its size.</p>
+<code>(a T_d)^9 / 25401600</code> of its size. Before the start nothing moved.</p>
+<p>Where the reading is a state of the model, a search reads the state itself before the delay, and solves none of these equations.</p>
 <p>Source: G. A. Baker, P. Graves-Morris, Pad&eacute; Approximants (Cambridge, 1996), sec. 1.2.</p>
 </html>"));
 end Delay;

@@ -48,9 +48,9 @@ class Variable:
 OWN_EXPORTER = "aero-bayes"
 
 
-#: How a law at an input remembers it. The parameters of a rate limit are the inverse of the rate and where it
-#: starts, beyond the input; those of a play its share, half its width, and that start.
-Memory = Literal["", "rate_limit", "play"]
+#: How a law remembers its input. The parameters of a rate limit are the inverse of the rate and where it starts, beyond
+#: the input; those of a play its share, half its width, and that start. A delay, of a reading, has its time alone.
+Memory = Literal["", "rate_limit", "play", "delay"]
 MEMORIES: tuple[Memory, ...] = get_args(Memory)
 
 
@@ -67,7 +67,8 @@ class DescribedOperator:
     """Laws that act on an input and may be applied to its signal beforehand, or on an output and to its samples.
 
     ``parameters`` are those that they have, ``raw`` is the value reference of what those at an output act on. One law
-    at an input may remember it, as a rate limit or a play does (``memory``); ``states`` are its own, by position."""
+    at an input may remember it, as a rate limit or a play does (``memory``); the first one at an output that is a state
+    may delay it, by the first parameter. ``states`` are those of this law, by position."""
 
     signal: str
     parameters: tuple[str, ...]

@@ -176,6 +176,14 @@ def attached(base: OpenModel, placed_laws: Sequence[PlacedLaw], blocks: LawBlock
     return _Attaching(base, placed_laws, blocks).coupling()
 
 
+def _apart(operators: Sequence[SignalOperator], laws: Sequence[AttachedLaw]) -> list[SignalOperator]:
+    """Return the operators that share no parameter, as laws at like places do, with a law in the equations."""
+    acting = {k for o in operators for k in o.laws}
+    inside = {v.name for k, law in enumerate(laws) if k not in acting for v in law.parameters.values()}
+    kept = [o for o in operators if inside.isdisjoint(v.name for k in o.laws for v in laws[k].parameters.values())]
+    return kept if len(kept) == len(operators) else _apart(kept, laws)
+
+
 class _Attaching:
     #: What a law at an input acts on.
     SIGNAL = "u"
@@ -227,7 +235,7 @@ class _Attaching:
         base = self.base
         return Coupling(
             base.model, laws, self.settings, base.inputs, outputs, base.hidden, base.state_names,
-            [*operators.values(), *behind.values()],
+            _apart([*operators.values(), *behind.values()], laws),
             self._relay(),
         )  # fmt: skip
 
@@ -246,17 +254,21 @@ class _Attaching:
         return [v.name for v in model.inputs] == [self.SIGNAL] and not (model.states or model.event_indicators)
 
     def _note_output_operator(self, placed: Placed, operators: dict[str, SignalOperator]) -> None:
-        """Note a law that is a function of what is read, or of what such laws make of it."""
+        """Note a law that is a function of what is read, or of what such laws make of it; or that delays a state first."""
         signal = placed[0].port.signals[self.SIGNAL]
         before = operators.pop(signal, None)
         terms = self._read(placed).get(self.SIGNAL, ())
-        if not self._is_function(placed) or len(terms) != 1 or terms[0][1] != 1.0:
+        if len(terms) != 1 or terms[0][1] != 1.0:
             return
-        own = self._part(placed) - 1
-        if before is not None:
+        own, source, memory = self._part(placed) - 1, terms[0][0], placed[0].law.memory
+        if memory and before is None and source.part == STATE:
+            operators[signal] = SignalOperator((own,), source, self._output_behind(signal), memory)
+        elif not self._is_function(placed):
+            return
+        elif before is not None:
             operators[signal] = replace(before, laws=(*before.laws, own))
-        elif terms[0][0].part != INPUT:
-            operators[signal] = SignalOperator((own,), terms[0][0], self._output_behind(signal))
+        elif source.part != INPUT:
+            operators[signal] = SignalOperator((own,), source, self._output_behind(signal))
 
     def _note_operator(self, placed: Placed, operators: dict[str, SignalOperator]) -> None:
         """Note a law that acts on a recorded signal alone: one that remembers it, or one without states, which may also

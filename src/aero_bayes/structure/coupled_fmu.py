@@ -26,6 +26,8 @@ from aero_bayes.simulation.model_description import BINARY_FOLDERS, DescribedOpe
 #: In place of a part: the source of a value is an input of the whole, or a state of the base, by its position.
 INPUT, STATE = -2, -1
 BASE = 0
+#: In place of the input on which a law acts.
+AT_OUTPUT, DELAYS_OUTPUT = -1, -2
 #: Suffix of a state's name where a law acts on the output of the same name.
 UNREAD_SUFFIX = "_unread"
 _ENGINE = Path(aero_bayes.simulation.__file__).parent / "native"
@@ -84,7 +86,7 @@ class SignalOperator:
 
     ``signal`` is an input of the whole; a simulator may apply them to it beforehand, and leave their equations out. One
     law there may remember the signal (``memory``). Or it is a value behind ``output``, to whose samples a simulator may
-    apply them."""
+    apply them; the first one may delay a state."""
 
     laws: tuple[int, ...]
     signal: Source
@@ -253,13 +255,13 @@ class _Table:
         lines += self.transfers
         lines += [_row(v.slot, len(v.owners), *(x for owner in v.owners for x in owner)) for v in self.shown]
         chains = [
-            (k, law, -1 if o.output else o.signal.reference)
+            (k, law, o.signal.reference if not o.output else DELAYS_OUTPUT if o.memory and not j else AT_OUTPUT)
             for k, o in enumerate(self.coupling.operators)
-            for law in o.laws
+            for j, law in enumerate(o.laws)
         ]
         lines.append(_row(len(chains)))
         for k, law, at in chains:
-            (u,), (y,) = (laws[law].model.inputs, laws[law].model.outputs)
+            u, y = laws[law].model.input("u"), laws[law].model.output("y")
             lines.append(_row(k, law + 1, at, u.value_reference, y.value_reference))
         return "\n".join(lines) + "\n"
 
@@ -313,7 +315,7 @@ class _Table:
                     yield _Shown(v, v.name, "output", ((source.part, source.reference),), initial="calculated")
 
     def _states(self, o: SignalOperator) -> tuple[int, ...]:
-        """Return the positions of the states of a law that remembers its input."""
+        """Return the positions of the states of a law that remembers what it acts on."""
         if not o.memory:
             return ()
         first = sum(len(model.states) for model in self.models[: o.laws[0] + 1])

@@ -189,6 +189,9 @@ def _law(cls: ClassText, interface: LawInterface, base: ClassText, text: str, me
     (extends,) = (s for s in cls.declarations if s.first == "extends")
     modified = arguments_of(parse_expression(extends.core[1:]))
     units = {signal: unit for signal, given in modified.items() if (unit := _text(arguments_of(given).get("unit")))}
+    memory = memory_named(annotation_text(cls.annotation, "memory"))
+    if memory and (memory == "delay") != (interface.kind == "output"):
+        raise InputError(f"no law of this kind has the memory {memory!r}")
     return Law(
         id=snake_case(cls.name),
         kind=interface.kind,
@@ -205,7 +208,7 @@ def _law(cls: ClassText, interface: LawInterface, base: ClassText, text: str, me
         both_signs=annotation_text(cls.annotation, "both_signs"),
         nonnegative=annotation_text(cls.annotation, "nonnegative"),
         delay=annotation_text(cls.annotation, "delay"),
-        memory=memory_named(annotation_text(cls.annotation, "memory")),
+        memory=memory,
         absolute=annotation_text(cls.annotation, "absolute"),
         interface=interface,
         text=text,

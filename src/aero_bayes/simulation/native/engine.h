@@ -8,6 +8,7 @@
  *   inputs.c       input signals, their delay, and the times at which they break
  *   operators.c    what laws at an input make of its signal
  *   memory.c       the same of laws that remember it
+ *   late.c         readings that come late
  *   relay.c        a law that steps by the sign of a speed, held on a side, and rest
  *   rodas.c        the Rosenbrock step, its linear algebra and error estimate
  *   sensitivity.c  forward sensitivities on the same steps
@@ -110,6 +111,7 @@ typedef struct {
     int *output_state; /* index of the state that the output is, or -1 */
     int *output_operator; /* that acts on what is read of it, or -1 */
     int n_other;       /* outputs that must be asked of the FMU */
+    int n_late;        /* outputs that come late */
     int n_signals;
     Signal *signals;
     int n_start;
@@ -156,6 +158,7 @@ typedef struct {
     double rtol, atol, time_limit;
     int64_t max_steps;
     int64_t n_operators, n_driving; /* the first of them act on recorded inputs */
+    int delays;             /* one of them delays a reading */
     Operator *operators;
     Relay relay;
     int64_t p, n_experiments;
@@ -165,6 +168,13 @@ typedef struct {
     struct Run **runs; /* buffers of the last batch, one an experiment */
     int64_t runs_q, *runs_active;
 } Problem;
+
+/* An output that shows a state as it was before a delay. */
+typedef struct {
+    int64_t output, next; /* its next sample that is not known yet */
+    int column;           /* of the delay, or -1 */
+    double delay, *y, *s; /* values of all samples, and their derivatives */
+} Late;
 
 /* One output's noise, as the filter needs it. */
 typedef struct {
@@ -267,6 +277,8 @@ typedef struct Run {
     double *s_largest; /* the largest that each column has been */
     Sparse a_now;
     /* samples */
+    Late *late;
+    double *late_y, *late_s;
     int64_t sample;
     Sink sink;
     double *other, *fraction;
@@ -326,8 +338,19 @@ static inline int has_lines(const Run *r, int i) { return r->drive && r->drive[i
 static inline int is_driven(const Run *r, int signal) { return r->drive && r->drive[signal].count > 0; }
 
 /* memory.c */
-enum { WITHOUT_MEMORY, RATE_LIMIT, PLAY };
+enum { WITHOUT_MEMORY, RATE_LIMIT, PLAY, DELAY };
 void memory_apply(int kind, const Signal *, Drive *, double begin, const double *parameters, int n);
+
+/* late.c */
+static inline int comes_late(const Problem *p, const Experiment *e, int64_t output)
+{
+    return e->output_operator[output] >= 0 && p->operators[e->output_operator[output]].memory == DELAY;
+}
+int late_begin(Run *);
+Late *late_due(Run *, double limit, double *time);
+void late_emit(Run *, double h, double limit);
+int late_emit_here(Run *, Late *, double time);
+void late_to_sink(Run *);
 
 /* relay.c */
 enum { RELAY_FREE, RELAY_SLIDES, RELAY_RESTS };

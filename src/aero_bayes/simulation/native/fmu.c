@@ -59,7 +59,7 @@ int fmu_ready(Problem *p)
     }
     if (!f->instance && fmu_instantiate(p)) return AB_MODEL_ERROR;
     f->used = 1;
-    if (f->operators_off) return outcome_of(f, f->operators_off(f->instance, p->n_driving > 0));
+    if (f->operators_off) return outcome_of(f, f->operators_off(f->instance, (p->n_driving > 0) + 2 * p->delays));
     return p->n_operators ? AB_MODEL_ERROR : AB_OK;
 }
 

@@ -134,7 +134,11 @@ static void read_experiment(Reader *r, Experiment *e, int64_t p)
     e->output_state = integers(r, e->m, NULL);
     e->output_operator = integers(r, e->m, NULL);
     for (int64_t i = 0; i < e->m && !r->broken; i++) r->broken |= e->output_operator[i] >= r->problem->n_operators;
-    for (int64_t i = 0; i < e->m && !r->broken; i++) e->n_other += e->output_state[i] < 0;
+    for (int64_t i = 0; i < e->m && !r->broken; i++) {
+        e->n_other += e->output_state[i] < 0;
+        e->n_late += comes_late(r->problem, e, i);
+        r->broken |= comes_late(r->problem, e, i) && e->output_state[i] < 0;
+    }
     e->n_signals = (int)integer(r);
     if (r->broken || e->n_signals < 0 || e->n_signals > 1000000) {
         r->broken = 1;
@@ -228,6 +232,7 @@ static void read_problem(Reader *r, Problem *p)
         p->operators[k].chain = (int)integer(r);
         p->operators[k].memory = (int)integer(r);
         p->operators[k].reference = references(r, -1, &p->operators[k].n);
+        if (p->operators[k].memory == DELAY) p->delays = 1, r->broken |= p->operators[k].n < 1;
     }
     p->relay.state = integers(r, -1, &count);
     p->relay.n = (int)count;

@@ -155,6 +155,7 @@ int run_once(Run *r)
     outcome = initialise(r);
     r->begins_sensitive = 0;
     if (outcome) return outcome;
+    if (is_error(status = late_begin(r))) return outcome_of(r->fmu, status);
     memset(r->largest, 0, sizeof *r->largest * (size_t)n);
     note_sizes(r);
     exponential_begin(r);
@@ -206,6 +207,9 @@ int run_once(Run *r)
             memcpy(r->sdense, r->s, sizeof *r->sdense * (size_t)(n * r->ld));
         }
     }
+    double time;
+    for (Late *l; (l = late_due(r, INFINITY, &time));)
+        if (is_error(status = late_emit_here(r, l, time))) return outcome_of(r->fmu, status);
     if (is_error(status = emit_until(r, 0.0, INFINITY, 1))) return outcome_of(r->fmu, status);
     return outcome_of(r->fmu, sink_flush(r));
 }

@@ -199,6 +199,7 @@ void sink_pass_on(Run *r)
 int sink_flush(Run *r)
 {
     if (!r->sink.filled) return FMI_OK;
+    late_to_sink(r);
     const int status = operators_on_outputs(r);
     if (!is_error(status)) sink_pass_on(r);
     return status;

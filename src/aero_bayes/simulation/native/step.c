@@ -120,29 +120,41 @@ static double reach_of(const Run *r, double end)
     return next < e->n && e->time[next] < end - r->resolution ? e->time[next] - r->t : end - r->t;
 }
 
-/* Samples before `limit`, from the step's own solution at their times. */
+/* The step's own solution at a time, to the beginning of r->dense and r->sdense. */
+static void solution_at(Run *r, double time)
+{
+    const Exponential *k = r->exponential;
+    const size_t size = sizeof *r->dense * (size_t)r->n;
+    if (time - r->t <= r->resolution) {
+        memcpy(r->dense, k->x0, size);
+        if (r->sensitive) memcpy(r->sdense, r->s, size * (size_t)r->ld);
+        return;
+    }
+    const Flow *f = flow_inside(r, k->now, (time - r->t) / k->now->h);
+    state_at(r, f, k->v);
+    memcpy(r->dense, k->v, size);
+    if (r->sensitive) columns_at(r, f, r->sdense);
+}
+
+/* Samples before `limit`. */
 static int exponential_emit(Run *r, double limit)
 {
     const Experiment *e = r->e;
-    Exponential *k = r->exponential;
     const int n = r->n;
+    int status = FMI_OK;
+    double at;
     memset(r->dense, 0, sizeof *r->dense * (size_t)(5 * n));
     if (r->sensitive) memset(r->sdense, 0, sizeof *r->sdense * (size_t)(5 * n * r->ld));
-    while (r->sample < e->n && e->time[r->sample] < limit) {
-        const double time = e->time[r->sample], theta = (time - r->t) / k->now->h;
-        if (time - r->t <= r->resolution) {
-            memcpy(r->dense, k->x0, sizeof *r->dense * (size_t)n);
-            if (r->sensitive) memcpy(r->sdense, r->s, sizeof *r->s * (size_t)(n * r->ld));
-        } else {
-            const Flow *f = flow_inside(r, k->now, theta);
-            state_at(r, f, k->v);
-            memcpy(r->dense, k->v, sizeof *r->dense * (size_t)n);
-            if (r->sensitive) columns_at(r, f, r->sdense);
-        }
-        const int status = emit_until(r, 0.0, time, 1);
-        if (is_error(status)) return status;
+    for (Late *l; !is_error(status) && (l = late_due(r, limit, &at));) {
+        solution_at(r, at);
+        status = late_emit_here(r, l, at);
     }
-    return FMI_OK;
+    while (!is_error(status) && r->sample < e->n && e->time[r->sample] < limit) {
+        const double time = e->time[r->sample];
+        solution_at(r, time);
+        status = emit_until(r, 0.0, time, 1);
+    }
+    return status;
 }
 
 /* Where inputs rest, a segment counts no more steps than the other method would take: others are limited by a multiple. */
@@ -260,6 +272,7 @@ int integrate_segment(Run *r, Segment *g)
         const double reached = root <= 1.0 ? r->t + root * h : t1;
         const double limit = root <= 1.0 ? reached : last ? g->end - r->resolution : t1;
         if (!n) memset(r->dense, 0, sizeof *r->dense);
+        late_emit(r, h, limit);
         if (linearised)
             kalman_advance(r, h);
         else if (is_error(status = filters(r) ? kalman_step(r, h, fmin(root, 1.0)) : emit_until(r, h, limit, 0)))

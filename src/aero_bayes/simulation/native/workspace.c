@@ -38,6 +38,8 @@ static void lay_out(Run *r, Arena *a)
         r->a_packed = REALS(4 * n * n);
         r->a_now.start = PART(int, n + 1), r->a_now.col = PART(int, n * n), r->a_now.val = REALS(n * n);
     }
+    const size_t late = (size_t)e->n_late * (size_t)e->n;
+    r->late = PART(Late, e->n_late), r->late_y = REALS(late), r->late_s = REALS(late * ld);
     r->other = REALS(m), r->fraction = REALS(BLOCK);
     r->piece_y = REALS(PIECE_POINTS * m), r->piece_s = REALS(PIECE_POINTS * m * ld);
     r->other_reference = PART(fmi_reference, m);

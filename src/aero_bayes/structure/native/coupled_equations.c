@@ -63,7 +63,7 @@ FMI int fmi2GetNominalsOfContinuousStates(fmi_component c, double *v, size_t n)
     const CoupledFmu *s = c;
     TRY(get_all_nominals(c, v, n));
     for (int k = 0; k < s->n_parts; v += s->part[k++].nx)
-        if (!s->part[k].off) memcpy(v, s->part[k].nominal, sizeof *v * (size_t)s->part[k].n_nominals);
+        if (s->part[k].nx) memcpy(v, s->part[k].nominal, sizeof *v * (size_t)s->part[k].n_nominals);
     return FMI_OK;
 }
 

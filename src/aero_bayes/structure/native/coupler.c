@@ -347,15 +347,17 @@ UNSUPPORTED(fmi2SerializeFMUstate, void *state, char bytes[], size_t size)
 UNSUPPORTED(fmi2DeSerializeFMUstate, const char bytes[], size_t size, void **state)
 _Pragma("GCC diagnostic pop")
 
-/* Not of FMI: switches all operators on inputs off, or on again. Before initialisation. */
+/* Not of FMI: switches all operators on inputs off (1), or the states of delays of outputs (2), or on again. Before
+ * initialisation. */
 FMI int ab_operators_off(fmi_component c, int off)
 {
     CoupledFmu *s = c;
     for (int k = 0; k < s->n_operators; k++) {
+        const int input = s->operators[k].input;
         Part *p = &s->part[s->operators[k].part];
-        if (s->operators[k].input < 0) continue;
-        p->off = off;
-        p->nx = off ? 0 : p->all_nx;
+        if (input == AT_OUTPUT) continue;
+        p->off = input >= 0 && off & 1;
+        p->nx = p->off || (input == DELAYS_OUTPUT && off & 2) ? 0 : p->all_nx;
     }
     return FMI_OK;
 }
@@ -407,7 +409,8 @@ FMI int ab_operator_values(fmi_component c, int chain, size_t n, const double *u
     for (size_t k = 0; k < n_known; k++)
         for (size_t i = 0; i < n; i++) slopes[k * n + i] = known[k] == OPERATED;
     for (int k = 0; k < s->n_operators; k++)
-        if (s->operators[k].chain == chain) TRY(operate(s, &s->operators[k], n, y, n_known, known, slopes));
+        if (s->operators[k].chain == chain && s->operators[k].input != DELAYS_OUTPUT)
+            TRY(operate(s, &s->operators[k], n, y, n_known, known, slopes));
     return FMI_OK;
 }
 

@@ -10,7 +10,8 @@
  * Laws may act on an input of the coupled model, one on what the other makes of it, and read nothing else: a chain of
  * operators. An importer that knows of it may apply it to the whole signal beforehand and switch it off here
  * (ab_operators_off): the input is then what the laws would make of it, and they have no equations. Likewise laws without
- * states may act on an output: an importer may read what they act on, and apply the chain to all samples.
+ * states may act on an output: an importer may read what they act on, and apply the chain to all samples. The first law of
+ * such a chain may be a delay, for an importer that reads earlier what it acts on.
  *
  * coupling_file.c reads coupling.txt. coupler.c has instances, modes and values, coupled_equations.c the states, the
  * derivatives and the directional derivatives. */
@@ -29,6 +30,7 @@
     } while (0)
 
 enum { STARTING, INITIALIZING, FIRST_EVENTS, RUNNING };
+enum { AT_OUTPUT = -1, DELAYS_OUTPUT = -2 };
 
 typedef struct {
     Fmu *fmu;
@@ -69,7 +71,7 @@ typedef struct {
 } Variable;
 
 typedef struct {
-    int chain, part, input; /* the chain that it belongs to, its law, and the input of the coupled model or -1 */
+    int chain, part, input; /* the chain that it belongs to, its law, and the input of the coupled model, or one of: */
     fmi_reference u, y;
 } Operator;
 
