@@ -30,6 +30,7 @@ from aero_bayes.simulation.native_simulator import operators_in_use
 from aero_bayes.simulation.workers import WorkerPool
 from aero_bayes.structure.candidates import place_laws
 from aero_bayes.structure.compose import compose_laws
+from aero_bayes.structure.fmu_family import FmuFamily, FmuPlaces
 from aero_bayes.structure.law_places import LawPlaces
 from aero_bayes.structure.modelica_family import ModelicaFamily
 
@@ -65,7 +66,10 @@ def arm(tmp_path_factory: pytest.TempPathFactory) -> ModelicaFamily:
 
 
 def placed_family(name: str, source: Path) -> ModelicaFamily:
-    found = ModelicaFamily(LawPlaces(name, (source,)), source.parent / "built")
+    return with_laws(ModelicaFamily(LawPlaces(name, (source,)), source.parent / "built"))
+
+
+def with_laws(found: ModelicaFamily) -> ModelicaFamily:
     sizes = {"u_n": 1.5, "t_n": 0.4, "v_n": 0.5, "x_n": 0.3, "x_w": 0.3, "f_n": 2.0}
     ports = {p.id: sizes for p in found.places.ports}
     for placed in place_laws(found.places.candidates, found.places.taken_names(), ports, free_starts=True):
@@ -352,13 +356,20 @@ def test_a_delayed_reading_of_a_state_is_the_state_before_the_delay(beside, inte
         np.testing.assert_allclose(slopes[..., k], (high - low) / (2 * step), atol=1e-5 * size + 1e-9)
 
 
-def test_readings_have_delays_of_their_own(lags, here):
+@pytest.mark.parametrize("of_fmu", [False, True])
+def test_readings_have_delays_of_their_own(of_fmu, lags, here, tmp_path):
     """Two lags after a step, beside closed form; their sum is not late."""
-    model = lags.with_candidates(["delay@output_a", "delay@output_b"]).model
+    if of_fmu:
+        fmu = lags.base_model().path
+        lags = with_laws(FmuFamily(FmuPlaces("Lags", fmu=fmu), tmp_path))
+    ids = [id_ for id_ in lags.placed if id_ in ("delay@output_a", "delay@output_b", "delay@a", "delay@b")]
+    model = lags.with_candidates(ids).model
+    names = [name for id_ in ids for name in values_of(lags, id_)]
     time, late = np.linspace(0.0, 4.0, 1001), np.array([0.3015, 1.7015])
     experiment = Experiment(time, ("a", "b", "sum"), (InputSignal("u", np.array([0.0, 1.0]), np.array([0.0, 1.0])),))
-    targets = (tuple(map(ParameterTarget, ("T_d_output_a", "T_d_output_b"))),)
+    targets = (tuple(map(ParameterTarget, names)),)
     problem = Problem(model, (experiment,), targets, settings=SolverSettings(1e-10, 1e-10))
+    assert len(operators_in_use(problem)) == 2
     with open_simulator(problem, pool=here) as simulator:
         found = simulator.simulate(late[None], active=[0, 1])
     rates = np.array([2.0, 0.5])

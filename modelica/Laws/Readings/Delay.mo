@@ -17,9 +17,9 @@ equation
   T * der(r) = s;
   T * der(s) = 1680 * (u - z) - 840 * w - 180 * r - 20 * s;
   y = u - T_d / T * (w + s / 42);
-  annotation (Documentation(info = "<html>
+  annotation (__aero_bayes(memory = "delay"), Documentation(info = "<html>
 <p><code>y(t) = u(t - T_d)</code> by the Pad&eacute; approximation of fourth order, from its steady state: <code>Laws.Outputs.Delay</code> without the rate of
-<code>u</code>.</p>
+<code>u</code>. Of a state a search reads what it was before the delay, as there.</p>
 <p>Source: G. A. Baker, P. Graves-Morris, Pad&eacute; Approximants (Cambridge, 1996), sec. 1.2.</p>
 </html>"));
 end Delay;

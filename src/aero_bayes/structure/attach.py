@@ -254,7 +254,7 @@ class _Attaching:
         return [v.name for v in model.inputs] == [self.SIGNAL] and not (model.states or model.event_indicators)
 
     def _note_output_operator(self, placed: Placed, operators: dict[str, SignalOperator]) -> None:
-        """Note a law that is a function of what is read, or of what such laws make of it; or that delays a state first."""
+        """Note a law that delays a state, or is a function of what is read or of what such laws make of it."""
         signal = placed[0].port.signals[self.SIGNAL]
         before = operators.pop(signal, None)
         terms = self._read(placed).get(self.SIGNAL, ())

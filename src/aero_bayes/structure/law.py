@@ -190,7 +190,7 @@ def _law(cls: ClassText, interface: LawInterface, base: ClassText, text: str, me
     modified = arguments_of(parse_expression(extends.core[1:]))
     units = {signal: unit for signal, given in modified.items() if (unit := _text(arguments_of(given).get("unit")))}
     memory = memory_named(annotation_text(cls.annotation, "memory"))
-    if memory and (memory == "delay") != (interface.kind == "output"):
+    if memory and (memory == "delay") != (interface.kind in ("output", "reading")):
         raise InputError(f"no law of this kind has the memory {memory!r}")
     return Law(
         id=snake_case(cls.name),
