@@ -217,12 +217,14 @@ class _Request:
         local, opened = replace(self.settings, method="local"), partial(self.opened, workers=workers)
         return fit_calibration(other, opened, local, np.random.default_rng(self.seed))
 
-    def each_fitted(self, calibrations: Sequence[Calibration], told: Callable[[Fit], R]) -> Iterable[R | None]:
-        """What is told of the fit of each calibration, None where it fails: side by side, or one by one when asked."""
+    def each_fitted(
+        self, calibrations: Sequence[Calibration], chosen: Callable[[Calibration], bool], told: Callable[[Fit], R]
+    ) -> Iterable[R | None]:
+        """What is told of the fit of each chosen calibration, else None: side by side, or one by one when asked."""
 
         def one(calibration: Calibration, workers: int | None) -> R | None:
             with suppress(CannotFinishError):
-                return told(self.fitted_again(calibration, workers))
+                return told(self.fitted_again(calibration, workers)) if chosen(calibration) else None
             return None
 
         with WorkerPool(self.workers) as pool:

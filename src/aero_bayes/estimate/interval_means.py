@@ -20,8 +20,8 @@ from aero_bayes.estimate.other_reading import (
     MIN_WORST,
     Reading,
     after_step,
-    change_of,
     explains_all,
+    gains_of,
     scaled_rows,
     with_finding,
 )
@@ -57,7 +57,7 @@ def without_means(
     for _, stamps, calibration in sorted(tried, key=lambda one: round(one[0], 2))[:MAX_TRIED]:
         with suppress(CannotFinishError):
             again = fitted(calibration)
-            gains = [before / after for before, after in change_of(fit, again).values()] or [0.0]
+            gains = gains_of(fit, again)
             good = explains_all(fit, again) or (max(gains) > MIN_FACTOR and min(gains) >= MIN_WORST)
             # Means of all channels by one time differ by a shift of it only: the end, which is usual, is tried first.
             if good and (best is None or math.prod(gains) > ALIKE * best[0]):

@@ -47,6 +47,11 @@ def change_of(fit: Fit, again: Fit) -> dict[str, tuple[float, float]]:
     return {o: (rms[o], rms[o] * max(after[o] / before[o], 1e-12)) for o in before if o in after and before[o] > 0.0}
 
 
+def gains_of(fit: Fit, again: Fit) -> list[float]:
+    """Compute the factors by which another fit makes residuals smaller."""
+    return [before / after for before, after in change_of(fit, again).values()] or [0.0]
+
+
 def residual_shares(data: MeasuredData, outputs: Sequence[FloatArray]) -> dict[str, float]:
     """Compute the RMS residual of each output as a share of the standard deviation of its readings."""
     shares = {}
@@ -82,7 +87,7 @@ def told_fit(fit: Fit, finding: DataFinding) -> Fit:
 
 def explains_all(fit: Fit, again: Fit, least: float = MIN_CLEAN_FACTOR) -> bool:
     """Return whether another fit leaves nothing but noise, smaller by ``least`` in an output, and larger in none."""
-    gains = [before / after for before, after in change_of(fit, again).values()] or [0.0]
+    gains = gains_of(fit, again)
     if any(n.kind == "ou" for n in again.noise.values()):
         least = max(least, MIN_CORRELATED_FACTOR)
     clean = not any(n.model_error for n in again.noise.values()) and not LeftOver(again).structured
