@@ -149,7 +149,7 @@ def fit_alone(
 ) -> Fit:  # fmt: skip
     """Return a fit without what is asked of it afterwards: whether another reading of the data explains what it leaves.
 
-    Of a poor fit that takes ten times as long as the fit."""
+    Of a poor fit that takes about as long as the fit."""
     with threadpool_limits(limits=1, user_api="blas"):
         request = _Request(model, parameters, settings, seed, workers, Watched(), None)
         return request.alone(screened(recordings, model))
@@ -181,13 +181,12 @@ class _Request:
         self.chosen, listed = split_values(chosen)
         self.candidates = combinations(model, {**settings.values, **listed})
 
-    def opened(self, problem: Problem, workers: int | None = None) -> Simulator:
+    def opened(self, problem: Problem, workers: int | None = None, pool: WorkerPool | None = None) -> Simulator:
         """Open a simulator of a problem."""
         from aero_bayes.simulation.engines import open_simulator
 
-        return open_simulator(
-            problem, engine=self.settings.engine, workers=self.workers if workers is None else workers
-        )
+        count = self.workers if workers is None else workers
+        return open_simulator(problem, engine=self.settings.engine, workers=count, pool=pool)
 
     def calibration(self, recordings: Sequence[Recording], model: Model, fixed: Mapping[str, float]) -> Calibration:
         """Combine recordings and a model."""
@@ -196,9 +195,14 @@ class _Request:
 
     def fit(self, recordings: Sequence[Recording]) -> Fit:
         """Fit, and ask what else than the model may be behind what is left."""
-        found, here = self.finished(recordings), partial(self.opened, workers=0)  # one run needs no workers
+        found = self.finished(recordings)
         if self.progress.asked_to_end:
             return found
+        with WorkerPool(0) as pool:  # one run needs no workers, and the model is unpacked once for all
+            return self.told(found, partial(self.opened, pool=pool))
+
+    def told(self, found: Fit, here: OpenSimulator) -> Fit:
+        """Return a fit with what else may be behind what it leaves."""
         problem = found.calibration
         told = with_start_finding(found, self.fitted_again, here)
         if told is found:  # a wrong start looks like a constant at a reading, too

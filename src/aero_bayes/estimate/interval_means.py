@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -32,6 +33,8 @@ MOST_LEFT = 0.25
 #: Factor by which the residual gets smaller where more than white noise is left: what an input does within an interval
 #: is not known.
 MIN_FACTOR = 2.0
+#: Readings of a recording that tell what is left to first order: of a mean over many of them.
+SAMPLES = 1000
 #: Most refits, and the factor by which one has to leave less than those before it.
 MAX_TRIED, ALIKE = 3, 1.02
 
@@ -85,8 +88,9 @@ def _left(fit: Fit, calibration: Calibration, open_simulator: OpenSimulator) -> 
     parameters = calibration.parameters
     values = np.array([float(fit[p.name]) if p.name in fit else p.start for p in parameters])
     at = np.clip(parameters.to_search(values), *parameters.box)
-    with open_simulator(calibration.problem()) as simulator:
-        objective = Objective(calibration, simulator)
+    thinned = replace(calibration, data=calibration.data.thinned(SAMPLES))
+    with open_simulator(thinned.problem()) as simulator:
+        objective = Objective(thinned, simulator)
         run = objective.evaluate(at, range(len(parameters)))
     if run is None or run.slopes is None:
         return math.inf

@@ -313,13 +313,16 @@ def _left(fit: Fit, rate: float, ahead: float, moved: set[int]) -> float:
     rows, columns = [], []
     for k, series in enumerate(fit.series):
         every = -(-series.sampling.size // MOST_READINGS)
-        time = series.sampling.time
-        at = time[::every]
+        curves = [predicted[k], *slopes[k]]
         if k in moved:
-            at = time[0] + (at - time[0]) * (1.0 + rate) + ahead
+            time = series.sampling.time
+            at = time[0] + (time[::every] - time[0]) * (1.0 + rate) + ahead
+            curves = [np.interp(at, time, curve) for curve in curves]
+        else:
+            curves = [curve[::every] for curve in curves]
         sd = fit.noise[series.output].sd
-        rows.append((series.measured[::every] - np.interp(at, time, predicted[k])) / sd)
-        columns.append(np.array([np.interp(at, time, row) for row in slopes[k]]).reshape(-1, at.size) / sd)
+        rows.append((series.measured[::every] - curves[0]) / sd)
+        columns.append(np.array(curves[1:]).reshape(-1, rows[-1].size) / sd)
     residual, design = np.concatenate(rows), np.concatenate(columns, axis=1)
     after = np.split(after_step(design, residual), np.cumsum([r.size for r in rows])[:-1])
     # The present residual is of unit size in each output.
