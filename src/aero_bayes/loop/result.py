@@ -287,7 +287,7 @@ class LoopResult(HasPage):
         """
         if self.calibrated is None:
             raise InputError(
-                f"{self.base}: was given as an FMU; {self.model}.ssp has it with its values, for other tools"
+                f"{self.base}: was given as an FMU; {self.model}.mo has it with its values, for other tools"
             )
         return self.calibrated.export_fmu(path)
 

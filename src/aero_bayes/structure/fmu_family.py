@@ -7,7 +7,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from xml.etree import ElementTree as ET
 
 from aero_bayes.declared import PackageDeclaration
 from aero_bayes.errors import InputError
@@ -16,18 +15,13 @@ from aero_bayes.estimate.local_fit import Optimum
 from aero_bayes.estimate.measured_data import MeasuredData
 from aero_bayes.estimate.parameters import Parameter
 from aero_bayes.files import write_whole
-from aero_bayes.modelica.build import write_archive
-from aero_bayes.modelica.compose import add_input, add_output
-from aero_bayes.modelica.embedded import export_flat
-from aero_bayes.modelica.flat import FlatModel
-from aero_bayes.modelica.syntax import Name, Number
+from aero_bayes.modelica.syntax import Number
 from aero_bayes.simulation.model import Model
 from aero_bayes.simulation.model_description import Variable
 from aero_bayes.structure.attach import attached
 from aero_bayes.structure.balance import Balance, Port, PortKind, signal_port
 from aero_bayes.structure.candidates import Candidate, PlacedLaw, find_candidates, identifier, with_applicable_laws
 from aero_bayes.structure.class_with_laws import class_text
-from aero_bayes.structure.compose import compose_laws
 from aero_bayes.structure.coupled_fmu import BASE, INPUT, STATE, UNREAD_SUFFIX, Source, Terms, couple
 from aero_bayes.structure.law import Law
 from aero_bayes.structure.law_places import LawPlaces
@@ -54,11 +48,10 @@ INSIDE = "_inside"
 
 @dataclass(frozen=True)
 class LawCoupling:
-    """How the variables of an FMU are connected with those of a flat model of laws."""
+    """The variables of an FMU and their names outside: all inputs, and those outputs and states that laws read."""
 
-    flat: FlatModel
-    inputs: tuple[tuple[Variable, str, str], ...]
-    outputs: tuple[tuple[Variable, str, str], ...]
+    inputs: tuple[tuple[Variable, str], ...]
+    outputs: tuple[tuple[Variable, str], ...]
     states: tuple[tuple[Variable, str], ...]
 
 
@@ -176,38 +169,18 @@ class FmuPlaces(LawPlaces):
         return OpenModel(model, tuple(v.name for v in model.inputs), probes, signals, gain=-1.0)
 
     def coupling(self, placed_laws: Sequence[PlacedLaw]) -> LawCoupling:
-        """Return the flat model of laws at ports of this FMU, with only those signals of the FMU that they need."""
+        """Return the names by which laws at ports of this FMU know its variables."""
         read = {name for placed in placed_laws for name in placed.port.signals.values()}
-        flat = FlatModel(f"{self.inner.name} laws")
-        inputs, outputs, states = [], [], []
-        for v in self.inner.inputs:
-            name = self.names[v.name]
-            inputs.append((v, name, f"{name}_acts"))
-            flat = add_input(flat, name, v.unit, v.description, v.start or 0.0)
-            flat = add_output(flat, f"{name}_acts", Name(name), v.unit)
-        for v in self.inner.outputs:
-            name = self.names[v.name]
-            if v.kind == "real" and name in read:
-                outputs.append((v, f"{name}_unread", name))
-                flat = add_input(flat, f"{name}_unread", v.unit, v.description, v.start or 0.0)
-                flat = add_output(flat, name, Name(f"{name}_unread"), v.unit)
-        for v in self.inner.states:
-            if self.state_signal(v) in read:
-                states.append((v, self.state_signal(v)))
-                flat = add_input(flat, self.state_signal(v), v.unit, v.description, v.start or 0.0)
+        inner = self.inner
         return LawCoupling(
-            compose_laws(flat, placed_laws, self.law_models), tuple(inputs), tuple(outputs), tuple(states)
+            tuple((v, self.names[v.name]) for v in inner.inputs),
+            tuple((v, name) for v in inner.outputs if v.kind == "real" and (name := self.names[v.name]) in read),
+            tuple((v, name) for v in inner.states if (name := self.state_signal(v)) in read),
         )
 
 
-#: Name of the imported FMU in the Modelica model and in the SSP.
+#: Name of the imported FMU in the Modelica model.
 PLANT = "plant"
-_SSP = "http://ssp-standard.org/SSP1"
-_NAMESPACES = {
-    "ssd": f"{_SSP}/SystemStructureDescription",
-    "ssc": f"{_SSP}/SystemStructureCommon",
-    "ssv": f"{_SSP}/SystemStructureParameterValues",
-}
 
 
 def _imported_class(inner: Model) -> str:
@@ -227,8 +200,8 @@ def wrapper_text(
         f"  // import {inner.path.name} under the name {cls} first (OpenModelica: importFMU, Dymola: File, Import FMU)",
     ]
     lines += [f"  {line}" for placed in placed_laws for line in placed.declarations()]
-    shown = [(v, outside, "input") for v, outside, _ in coupling.inputs]
-    outside_of = {v.name: outside for v, _, outside in coupling.outputs}
+    shown = [(v, outside, "input") for v, outside in coupling.inputs]
+    outside_of = {v.name: outside for v, outside in coupling.outputs}
     outputs = [v for v in inner.outputs if v.kind == "real"]
     shown += [(v, outside_of.get(v.name, identifier(v.name)), "output") for v in outputs]
     for v, outside, causality in shown:
@@ -260,7 +233,7 @@ def _equations(
                 given = placed.port.signals[s]
                 found.append(f"{placed.instance}.{s} = {signal if s == 'u' and signal else inside.get(given, given)}")
 
-    for k, (v, outside, _) in enumerate(coupling.inputs):
+    for k, (v, outside) in enumerate(coupling.inputs):
         signal, terms = outside, ""
         for placed in reversed(placed_laws):
             if placed.port.attachment == "input" and placed.port.signals["u"] == outside:
@@ -297,68 +270,6 @@ def _described(v: Variable) -> str:
 def _reference(name: str) -> str:
     """Return the name of a variable in Modelica, in quotes if it is no identifier."""
     return name if re.fullmatch(r"[A-Za-z_]\w*(\[\d+\])?(\.[A-Za-z_]\w*(\[\d+\])?)*", name) else f"'{name}'"
-
-
-def write_ssp(inner: Model, laws: Path, coupling: LawCoupling, values: Mapping[str, float], out: Path) -> Path:
-    """Write the system of the FMU and the FMU of its laws, connected, as an SSP 1.0 archive."""
-    for prefix, uri in _NAMESPACES.items():
-        ET.register_namespace(prefix, uri)
-    root = _element(None, "ssd:SystemStructureDescription", version="1.0", name=out.stem)
-    system = _element(root, "ssd:System", name=out.stem)
-    outside_of = {v.name: outside for v, _, outside in coupling.outputs}
-    outputs = [v for v in inner.outputs if v.kind == "real"]
-    _connectors(system, [*((v.name, "input") for v, _, _ in coupling.inputs), *((v.name, "output") for v in outputs)])
-    elements = _element(system, "ssd:Elements")
-    plant, around = (
-        _element(elements, "ssd:Component", name=n, type="application/x-fmu-sharedlibrary", source=f"resources/{f}")
-        for n, f in ((PLANT, inner.path.name), ("laws", laws.name))
-    )
-    reading = [v.name for v, _ in coupling.states if v.name not in {o.name for o in outputs}]
-    _connectors(plant, [*((v.name, "input") for v, _, _ in coupling.inputs),
-                        *((n, "output") for n in (*(v.name for v in outputs), *reading))])  # fmt: skip
-    own = {p.name: values[p.name] for p in inner.parameters if p.name in values}
-    if own:
-        binding = _element(_element(plant, "ssd:ParameterBindings"), "ssd:ParameterBinding")
-        found = _element(_element(binding, "ssd:ParameterValues"), "ssv:ParameterSet", version="1.0", name="fitted")
-        parameters = _element(found, "ssv:Parameters")
-        for name, value in own.items():
-            _element(_element(parameters, "ssv:Parameter", name=name), "ssv:Real", value=repr(value))
-    _connectors(around, [
-        *((outside, "input") for _, outside, _ in coupling.inputs),
-        *((inside, "input") for _, inside, _ in coupling.outputs),
-        *((name, "input") for _, name in coupling.states), *((acts, "output") for _, _, acts in coupling.inputs),
-        *((outside, "output") for _, _, outside in coupling.outputs),
-    ])  # fmt: skip
-    connections = _element(system, "ssd:Connections")
-    ends: list[tuple[str, str, str, str]] = []
-    for v, outside, acts in coupling.inputs:
-        ends += [("", v.name, "laws", outside), ("laws", acts, PLANT, v.name)]
-    for v in outputs:
-        ends.append(("laws", outside_of[v.name], "", v.name) if v.name in outside_of else (PLANT, v.name, "", v.name))
-    ends += [(PLANT, v.name, "laws", inside) for v, inside, _ in coupling.outputs]
-    ends += [(PLANT, v.name, "laws", name) for v, name in coupling.states]
-    for a, left, b, right in ends:
-        keys = ("startElement", a), ("startConnector", left), ("endElement", b), ("endConnector", right)
-        _element(connections, "ssd:Connection", **{k: v for k, v in keys if v})
-    ET.indent(root)
-    text = f'<?xml version="1.0" encoding="UTF-8"?>\n{ET.tostring(root, encoding="unicode")}\n'
-    write_archive(out, {
-        "SystemStructure.ssd": text.encode(), f"resources/{inner.path.name}": inner.path.read_bytes(),
-        f"resources/{laws.name}": laws.read_bytes(),
-    })  # fmt: skip
-    return out
-
-
-def _element(parent: ET.Element | None, tag: str, **attributes: str) -> ET.Element:
-    prefix, _, name = tag.partition(":")
-    full = f"{{{_NAMESPACES[prefix]}}}{name}"
-    return ET.Element(full, attributes) if parent is None else ET.SubElement(parent, full, attributes)
-
-
-def _connectors(parent: ET.Element, signals: Sequence[tuple[str, str]]) -> None:
-    group = _element(parent, "ssd:Connectors")
-    for name, kind in signals:
-        _element(_element(group, "ssd:Connector", name=name, kind=kind), "ssc:Real")
 
 
 @dataclass(frozen=True)
@@ -428,14 +339,14 @@ class FmuFamily(ModelicaFamily):
     def with_fitted(
         self, written: ExtendedModel, values: Mapping[str, float], added: Sequence[Parameter]
     ) -> ExtendedModel:
-        """Write text, FMU and system again: all of them hold values."""
+        """Write text and FMU again: both hold values."""
         own = {old: values[new] for pairs in written.names.values() for old, new in pairs if new in values}
         return self.extend(list(written.names), {**values, **own}, written.path.parent)
 
     def _write(
         self, placed_laws: Sequence[PlacedLaw], values: Mapping[str, float], folder: Path
     ) -> tuple[WrittenModel, Model]:
-        """Write ``NAME.mo`` and ``NAME.ssp`` for other tools, and ``NAME.fmu``."""
+        """Write ``NAME.mo`` for other tools, and ``NAME.fmu``."""
         name = "_".join([self.places.title, *(u.instance for u in placed_laws)])
         coupling, none = (self.places.coupling(laws) for laws in (placed_laws, ()))
         values = {**self._fixed_values, **values}
@@ -443,11 +354,7 @@ class FmuFamily(ModelicaFamily):
         folder.mkdir(parents=True, exist_ok=True)
         path = folder / f"{name}.mo"
         write_whole(path, text)
-        laws = self.folder / f"{name}-laws.fmu"
-        self.folder.mkdir(parents=True, exist_ok=True)
-        export_flat(coupling.flat, laws)
         couple(attached(self._opened(), placed_laws, self.blocks), folder / f"{name}.fmu")
-        write_ssp(self.places.inner, laws, coupling, values, folder / f"{name}.ssp")
         before = wrapper_text(self.places.inner, none, (), values, name)
         written = WrittenModel(name, path, text, before, f"{self.places.title}.mo")
         return written, Model.load(folder / f"{name}.fmu")
