@@ -1,7 +1,7 @@
 """Data that were read in another way than they were written (sign, unit, order, clock), and values held wrongly.
 
 Each other way is a calibration of its own. Where a fit is poor, those that promise most are fitted: the best is told.
-Few steps of least squares come first, since most come nowhere near what they have to gain.
+Rough least squares come first, since most come nowhere near what they have to gain.
 
 Clocks are looked for in the fitted trajectory: it is compared with the readings at other times, its parameters moved by
 one Newton step. An output that comes late is no fault of a clock: sensors lag and inputs are delayed. A clock that runs
@@ -29,7 +29,7 @@ from aero_bayes.errors import CannotFinishError, InputError
 from aero_bayes.estimate.calibration import Calibration, for_recordings
 from aero_bayes.estimate.diagnosis import LeftOver
 from aero_bayes.estimate.interval_means import without_means
-from aero_bayes.estimate.levenberg_marquardt import LocalSettings
+from aero_bayes.estimate.levenberg_marquardt import LocalSettings, Stop
 from aero_bayes.estimate.local_fit import LocalFitSettings, OpenSimulator, local_fit
 from aero_bayes.estimate.objective import Objective
 from aero_bayes.estimate.other_reading import (
@@ -68,9 +68,9 @@ MIN_FACTOR = 3.0
 SURE_FACTOR = 20.0
 #: Most readings of a kind that are tried by a fit, most of clocks, and samples of a recording that it is to.
 MAX_TRIED, MOST_CLOCKS, SAMPLES = 3, 6, 1000
-#: A first fit of each reading: most steps, and what one has to lower the cost by, in nats a reading (a percent of the
-#: residual). It goes on to a whole fit within a factor of the gain that counts, since it may end before its optimum.
-FEW_STEPS, MIN_STEP_GAIN, NEAR = 12, 0.01, 0.8
+#: A first fit of each reading: most steps, and nats a reading by which one has to lower the cost (a percent of the
+#: residual). It goes on to a whole fit where its steps did not end so, or within a factor of the gain that counts.
+MOST_STEPS, MIN_STEP_GAIN, NEAR = 30, 0.01, 0.8
 #: Samples by which an output may be ahead, and shares by which a clock may be off.
 MAX_AHEAD, RATES = 4, tuple(np.geomspace(5e-5, 0.05, 31).tolist())
 #: Readings of a series in which a clock is looked for, and share of the squares that has to go before a refit tries it
@@ -144,7 +144,7 @@ def _what_changes(fit: Fit, again: Fit) -> Tried:
 
 
 def _comes_near(fit: Fit, open_simulator: OpenSimulator, calibration: Calibration) -> bool:
-    """Return whether few steps of least squares, from where a whole fit starts, come near the gain that counts.
+    """Return whether least squares, from where a whole fit starts, come near the gain that counts.
 
     They have no noise, stages and intervals to find, and take a tenth of the time."""
     parameters = calibration.parameters
@@ -152,12 +152,13 @@ def _comes_near(fit: Fit, open_simulator: OpenSimulator, calibration: Calibratio
     with open_simulator(calibration.problem()) as simulator:
         objective = Objective(calibration, simulator)
         least = MIN_STEP_GAIN * objective.readings
-        few = LocalSettings(FEW_STEPS, least, min_noise_gain=least, max_rejections=6, min_decrease=least)
+        few = LocalSettings(MOST_STEPS, least, min_noise_gain=least, max_rejections=6, min_decrease=least)
         squares = LocalFitSettings(few, prior=fit.settings.cost == "posterior").least_squares(objective.outputs)
         end = local_fit(objective, parameters.to_search(parameters.start), free, settings=squares)
         outputs = objective.predictions(parameters.from_search(end.coordinates))
     gains = gains_of(fit, replace(fit, calibration=calibration, fitted=outputs))
-    return max(gains) >= NEAR * MIN_CLEAN_FACTOR and min(gains) >= NEAR * MIN_WORST
+    near = max(gains) >= NEAR * MIN_CLEAN_FACTOR and min(gains) >= NEAR * MIN_WORST
+    return near or end.reason is Stop.ITERATION_LIMIT
 
 
 def _most_promising(tried: list[tuple[float, Reading, Calibration]]) -> Iterator[tuple[Reading, Calibration]]:
