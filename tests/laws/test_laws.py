@@ -306,6 +306,26 @@ end Mine;
         read_laws([own])
 
 
+@pytest.mark.parametrize(
+    ("partial", "memory", "told"),
+    [
+        ("OutputLaw", "play", "kind"),
+        ("InputLaw", "delay", "kind"),
+        ("InputLaw", "play", "2"),
+        ("InputLaw", "pla", "play"),
+    ],
+)
+def test_a_memory_that_a_law_cannot_have_is_refused(partial, memory, told, tmp_path):
+    own = tmp_path / "Mine.mo"
+    own.write_text(
+        f"model Slow\n  extends Laws.Interfaces.{partial};\n  parameter Real r(min = 0, nominal = 1) = 0;\nequation\n"
+        f'  y = u;\n  annotation (__aero_bayes(memory = "{memory}"));\nend Slow;\n',
+        encoding="utf-8",
+    )
+    with pytest.raises(InputError, match=facts("Mine.mo", "Slow", told)):
+        read_laws([own])
+
+
 def test_every_partial_model_has_a_shape():
     from aero_bayes.modelica.library import modelica_root
 

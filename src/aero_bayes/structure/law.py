@@ -47,6 +47,8 @@ LAW_INTERFACES: Mapping[str, LawInterface] = {
 
 #: What the name of a parameter begins with that moves the start of a state of the law.
 START_PREFIX = "start_"
+#: How many parameters a law has by how it remembers its input, beside the start.
+MEMORY_PARAMETERS: Mapping[Memory, int] = {"rate_limit": 1, "play": 2, "delay": 1}
 #: Inputs that a port need not have, and the nominal value that replaces each one there.
 SIGNAL_DEFAULTS: Mapping[str, str] = {"h_s": "h_0"}
 
@@ -192,6 +194,10 @@ def _law(cls: ClassText, interface: LawInterface, base: ClassText, text: str, me
     memory = memory_named(annotation_text(cls.annotation, "memory"))
     if memory and (memory == "delay") != (interface.kind in ("output", "reading")):
         raise InputError(f"no law of this kind has the memory {memory!r}")
+    if memory and len(parameters) != MEMORY_PARAMETERS[memory]:
+        raise InputError(
+            f"a law with the memory {memory!r} has {MEMORY_PARAMETERS[memory]} parameters beside its start"
+        )
     return Law(
         id=snake_case(cls.name),
         kind=interface.kind,
