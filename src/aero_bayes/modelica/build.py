@@ -181,12 +181,21 @@ def _runtime(command: Sequence[str]) -> bytes:
     return compile_kept([*sorted(_NATIVE.iterdir()), *_SHARED], flags, "runtime.o", command)
 
 
-def compile_kept(sources: Sequence[Path], flags: Sequence[str], product: str, command: Sequence[str] = ()) -> bytes:
-    """Compile sources of this package once a user: kept under a name that tells compiler, flags and sources."""
+def compile_kept(
+    sources: Sequence[Path],
+    flags: Sequence[str],
+    product: str,
+    command: Sequence[str] = (),
+    *,
+    objects: Mapping[str, bytes] | None = None,
+) -> bytes:
+    """Compile sources of this package once a user: kept under a name that tells compiler, flags and sources.
+
+    ``objects`` are compiled already."""
     command = command or c_compiler()
     arguments = ["-fPIC", *_FLAGS, "-O2", f"-I{_NATIVE}", "-o", product, *flags]
     texts = {path.name: path.read_bytes() for path in sources}
-    return _compiled(command, arguments, texts, product, _stamp(command, flags))
+    return _compiled(command, arguments, texts | dict(objects or {}), product, _stamp(command, flags))
 
 
 def _compiled(

@@ -31,12 +31,11 @@ AT_OUTPUT, DELAYS_OUTPUT = -1, -2
 #: Suffix of a state's name where a law acts on the output of the same name.
 UNREAD_SUFFIX = "_unread"
 _ENGINE = Path(aero_bayes.simulation.__file__).parent / "native"
-_COUPLER = ("coupler.c", "coupling_file.c", "coupled_equations.c")
-_SOURCES = (
-    *(Path(__file__).parent / "native" / name for name in (*_COUPLER, "coupler.h")),
-    *(_ENGINE / name for name in ("bind.c", "fmi3.c", "fmu_library.h")),
-)
-_FLAGS = ("-shared", "-s", "-Wl,--build-id=none", *_COUPLER, "bind.c", "fmi3.c", "-lm", "-ldl")
+_OWN = Path(__file__).parent / "native"
+_COUPLER = ("coupler.c", "coupling_file.c", "coupled_equations.c", "bind.c", "fmi3.c")
+_HEADERS = (_OWN / "coupler.h", _ENGINE / "fmu_library.h")
+_SOURCES = (*(_OWN / name for name in _COUPLER[:3]), *(_ENGINE / name for name in _COUPLER[3:]), *_HEADERS)
+_FLAGS = ("-shared", "-s", "-Wl,--build-id=none", "coupled_form.c", "coupler.o", "-lm", "-ldl")
 _TAGS = {"real": "Real", "integer": "Integer", "boolean": "Boolean"}
 #: Functions that an FMU of our own exporter has whose equations hold without events, are linear, or are while its step
 #: is held; and that of coupled ones, whose mark may hold only without operators.
@@ -134,7 +133,10 @@ def couple(coupling: Coupling, out: Path) -> None:
                                         for k, v in _binaries(law.model, f"part{i}").items()}  # fmt: skip
     members = {
         f"{BINARY_FOLDERS[2]}/coupled{this_machine().suffix}": compile_kept(
-            _SOURCES, (*_FLAGS, *_form(coupling, parts)), "coupled.so"
+            (_OWN / "coupled_form.c", *_HEADERS),
+            (*_FLAGS, *_form(coupling, parts)),
+            "coupled.so",
+            objects={"coupler.o": compile_kept(_SOURCES, ("-r", "-nostdlib", *_COUPLER), "coupler.o")},
         ),
         "resources/coupling.txt": table.text().encode(),
         **{f"resources/{name}": data for name, data in parts.items()},

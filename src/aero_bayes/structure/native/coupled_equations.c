@@ -216,12 +216,9 @@ FMI int fmi2GetDirectionalDerivative(fmi_component c, const fmi_reference unknow
     return all_rows(c, unknown, n_unknown, known, n_known, seed, out);
 }
 
-#ifdef COLUMNS
-/* Not of FMI: derivatives of n variables by m others at once, a row for each of the n. All parts have such a function. */
-FMI int ab_columns(fmi_component c, const fmi_reference unknown[], size_t n, const fmi_reference known[], size_t m,
-                   double out[])
+int derivatives_of_all(CoupledFmu *s, const fmi_reference unknown[], size_t n, const fmi_reference known[], size_t m,
+                       double out[])
 {
-    TRY(begin_directions(c, m));
-    return all_rows(c, unknown, n, known, m, NULL, out);
+    TRY(begin_directions(s, m));
+    return all_rows(s, unknown, n, known, m, NULL, out);
 }
-#endif

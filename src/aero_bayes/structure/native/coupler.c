@@ -413,13 +413,3 @@ FMI int ab_operator_values(fmi_component c, int chain, size_t n, const double *u
             TRY(operate(s, &s->operators[k], n, y, n_known, known, slopes));
     return FMI_OK;
 }
-
-#ifdef EVENTLESS
-/* Not of FMI: tells the engine that the equations hold without events. */
-FMI int ab_eventless(void) { return 1; }
-#endif
-#ifdef LINEAR
-/* And that they are linear in states and inputs (1): with 2 added where only those are that are left without operators,
- * with 4 where they are while a law is held on a side. */
-FMI int ab_linear(void) { return LINEAR; }
-#endif

@@ -110,6 +110,10 @@ int read_coupling(CoupledFmu *s, const char *folder);
 /* Passes values on until so many transfers hold at this instant. */
 int propagate(CoupledFmu *s, int transfers);
 
+/* Derivatives of n variables by m others, a row for each of the n. */
+int derivatives_of_all(CoupledFmu *s, const fmi_reference unknown[], size_t n, const fmi_reference known[], size_t m,
+                       double out[]);
+
 /* Rows of values, or of tangents, of what a transfer would get from a law that is switched off: that of its input. */
 void pass_input(const CoupledFmu *s, const Transfer *o, double *to, int width);
 
