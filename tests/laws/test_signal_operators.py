@@ -169,6 +169,18 @@ def test_a_law_that_remembers_a_recorded_input_acts_exactly(law, interpolation, 
         )
 
 
+def test_a_fit_can_leave_a_start_at_the_input_itself(arm, here):
+    """There a start has an effect that grows with its square: its slope must not be zero, or a fit would stay."""
+    given = {**values_of(arm, "rate_limit@u"), "start_z": 0.0}
+    model = arm.with_candidates(["rate_limit@u"]).model
+    _, slopes = run(posed(model, given, "hold"), given, here, delay=0.0)
+    y, _ = run(posed(model, {**given, "start_z": 0.1}, "hold"), {**given, "start_z": 0.1}, here, delay=0.0)
+    without, _ = run(posed(model, given, "hold"), given, here, delay=0.0)
+    column = slopes[:, 0, list(given).index("start_z")]
+    assert np.abs(column).max() > 1e-6
+    assert column @ (y - without)[:, 0] > 0.0
+
+
 @pytest.mark.parametrize("law", ["rate_limit", "hysteresis"])
 @pytest.mark.parametrize("interpolation", ["hold", "linear"])
 def test_a_law_that_remembers_its_input_is_the_written_law_but_for_its_rounding(

@@ -26,17 +26,20 @@ static void add_cell(Scan *s, double time, double value, double slope, const dou
         if (s->row[j] >= 0) d->by[s->row[j]][k] = by[j], d->by[s->row[j]][d->room + k] = by_slope[j];
 }
 
-/* The output goes to the input as fast as it may, and then with it as long as it can follow. */
+/* The output goes to the input as fast as it may, and then with it as long as it can follow. A start that is the input
+ * itself has no slope: its effect grows with its square. A fit would never leave it, so there the slope is that of a start
+ * which is used up within the first sample. */
 static void limit_rate(Scan *s, const Piece *piece)
 {
-    static const double none[MOST_PARAMETERS] = {0.0};
     const double rate = s->p[0] > 0.0 ? 1.0 / s->p[0] : INFINITY, su = piece->slope;
     double t = piece->begin, u = piece->u;
     if (rate == INFINITY) s->z = u;
     for (;;) {
         const double gap = u - s->z;
         if (gap == 0.0 && fabs(su) <= rate) {
-            add_cell(s, t, u, su, none, none);
+            const double time = piece->end - t;
+            const double by[MOST_PARAMETERS] = {0.0, s->dz[1]}, by_slope[MOST_PARAMETERS] = {0.0, -s->dz[1] / time};
+            add_cell(s, t, u, su, by, by_slope);
             memset(s->dz, 0, sizeof s->dz);
             s->z = piece->u_end;
             return;
@@ -52,7 +55,7 @@ static void limit_rate(Scan *s, const Piece *piece)
         }
         /* it meets the input, at a time that moves with what the output was */
         const double after = fabs(su) <= rate ? su : copysign(rate, su);
-        for (int j = 0; j < MOST_PARAMETERS; j++) s->dz[j] *= 1.0 + (slope - after) / (su - slope);
+        for (int j = 0; j < MOST_PARAMETERS; j++) s->dz[j] *= after == su ? 0.0 : 1.0 + (slope - after) / (su - slope);
         t += time, u += su * time, s->z = u;
     }
 }
