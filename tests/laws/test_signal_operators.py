@@ -179,6 +179,9 @@ def test_a_fit_can_leave_a_start_at_the_input_itself(arm, here):
     column = slopes[:, 0, list(given).index("start_z")]
     assert np.abs(column).max() > 1e-6
     assert column @ (y - without)[:, 0] > 0.0
+    off = {**given, "r": 0.0}
+    _, slopes = run(posed(model, off, "hold"), off, here, delay=0.0)
+    assert not slopes[:, :, : len(off)].any()
 
 
 @pytest.mark.parametrize("law", ["rate_limit", "hysteresis"])

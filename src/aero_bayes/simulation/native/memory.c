@@ -33,7 +33,7 @@ static void limit_rate(Scan *s, const Piece *piece)
 {
     const double rate = s->p[0] > 0.0 ? 1.0 / s->p[0] : INFINITY, su = piece->slope;
     double t = piece->begin, u = piece->u;
-    if (rate == INFINITY) s->z = u;
+    if (rate == INFINITY) s->z = u, s->dz[1] = 0.0;
     for (;;) {
         const double gap = u - s->z;
         if (gap == 0.0 && fabs(su) <= rate) {
