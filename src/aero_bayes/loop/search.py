@@ -244,15 +244,19 @@ class Search:
         return bool(self.ended)
 
     def _beam(self, size: int) -> list[Terms]:
-        """Structures of a size that are extended: the best, the best without a curve, the best of other places."""
+        """Structures of a size to extend: the best, that with a coarser law, without a curve, and of other places."""
         required = set(self.library.required)
         order = sorted((k for k in self.fits if len(k) == size and required <= set(k)), key=self.table.order)
         places: dict[Terms, Terms] = {}
         for k in order:
             places.setdefault(tuple(sorted(self.table.ports.get(t, t) for t in k)), k)
         plain = [k for k in order if not set(k) & set(self.library.curves)]
+        # A finer law may imitate another term beside its coarser one, which is therefore extended with it.
+        refines = self.library.refines.items()
+        coarser = [_plus((x for x in k if x != t), of) for k in order[:1] for t, of in refines if t in k]
         width = self.effort.beam[min(size - len(required), len(self.effort.beam) - 1)]
-        return list(dict.fromkeys([*order[:1], *plain[:1], *places.values(), *order]))[:width]
+        beam = list(dict.fromkeys([*order[:1], *plain[:1], *places.values(), *order]))[:width]
+        return list(dict.fromkeys([*beam, *(k for k in coarser if k in self.fits)]))
 
     def extend(self, parent: Terms, near: float | None = None, place: str = "") -> bool:
         """Screen all terms beside a structure and fit those that promise most, or all that promise a score ``near``.
@@ -468,5 +472,5 @@ def _tried(work: Callable[[], R]) -> R | None:
     return None
 
 
-def _plus(terms: Terms, *more: str) -> Terms:
+def _plus(terms: Iterable[str], *more: str) -> Terms:
     return tuple(sorted({*terms, *more}))
