@@ -97,9 +97,10 @@ class Ensembles:
         return np.empty((*shape, self.dimension)), np.empty(shape)
 
     def _evaluate(self, points: FloatArray) -> FloatArray:
+        inside = int(np.sum(np.isfinite(self.prior(points))))
         with self._simulates:
             value = np.asarray(self.density(points))
-        self.evaluations += int(np.sum(np.isfinite(self.prior(points))))
+            self.evaluations += inside
         if not self.adaptation.frozen:
             known = np.isfinite(value)
             self._seen.append(np.column_stack([points, value])[known])
