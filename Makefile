@@ -10,7 +10,6 @@ PYTHON ?= python3
 VENV   ?= .venv
 BIN    := $(VENV)/bin
 RUN    := $(BIN)/aero-bayes
-INSTALL = $(BIN)/python -m pip install --quiet --no-compile --disable-pip-version-check
 
 MODEL   ?= $(if $(CONFIG),,Aero.Systems.OneDof)
 SEED    ?= 1
@@ -43,11 +42,8 @@ help: ## what each target does
 
 setup: $(VENV)/.installed
 
-# The engine is compiled beside the installation of what it needs.
 $(VENV)/.installed: pyproject.toml requirements.lock $(wildcard src/aero_bayes/simulation/native/*.[ch])
-	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
-	$(BIN)/python -c 'import tomllib; print(*tomllib.load(open("pyproject.toml", "rb"))["project"]["dependencies"], sep="\n")' > $(VENV)/needed.txt
-	$(INSTALL) --no-deps -e . & engine=$$!; $(INSTALL) -c requirements.lock -r $(VENV)/needed.txt && wait $$engine
+	.ci/install $(PYTHON) $(VENV)
 	touch $@
 	@$(BIN)/python -c 'import arviz' > /dev/null 2>&1 & # the last import is compiled beside the first simulations
 
@@ -157,7 +153,7 @@ test-arm: ## the wheel and the tests of make test-fast on Debian for ARM64, unde
 	.ci/test-arm
 
 lock: $(VENV)/.tested ## write requirements.lock from what is installed
-	$(BIN)/python -m pip freeze --exclude-editable > requirements.lock
+	$(BIN)/python .ci/lock.py
 
 clean: ## remove what was generated
 	rm -rf reports/* build $(VENV)

@@ -56,7 +56,7 @@ class SampleSettings(SettingsDisplay):
     max_steps: int = 8000
     max_minutes: float = 15.0
     r_hat: float = 1.01
-    lengths: float = 20.0
+    lengths: float = 10.0
     ess: float = 1000.0
     dof: float = 5.0
     draws: int = 1000
@@ -145,9 +145,9 @@ def check_convergence(samples: FloatArray, *, coupled: bool = True) -> Convergen
     return Convergence(r_hat(samples), tau, size / tau, size / max(tails))
 
 
-#: Smallest number of steps that are judged (of walkers that do not depend on each other: some hundred series), and of
-#: autocorrelation times of a chain whose walkers do.
-MIN_STEPS, MIN_AUTOCORRELATION_TIMES = 25, 50.0
+#: Smallest number of steps that are judged (of walkers that do not depend on each other: some hundred series, whose
+#: autocorrelation is averaged over all), and of autocorrelation times of a chain whose walkers do.
+MIN_STEPS, MIN_AUTOCORRELATION_TIMES = 16, 50.0
 
 
 @dataclass(frozen=True)
