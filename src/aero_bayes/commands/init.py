@@ -18,7 +18,7 @@ from aero_bayes.commands.job import columns_of, layout_of, tell_notes, without_u
 from aero_bayes.config import Config
 from aero_bayes.data.columns import split_unit
 from aero_bayes.data.read import column_names, read_recordings
-from aero_bayes.data.source import clocks_of, is_time_name
+from aero_bayes.data.table import clocks_of, is_time_name
 from aero_bayes.errors import InputError
 from aero_bayes.estimate.calibration import calibrate
 from aero_bayes.estimate.initial_states import CalibrationSettings

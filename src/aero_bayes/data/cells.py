@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
@@ -11,7 +11,7 @@ import numpy as np
 
 from aero_bayes.arrays import FloatArray
 from aero_bayes.errors import InputError
-from aero_bayes.modelica.units import TEMPERATURES, base_units, to_modelica_unit, unit_written_out
+from aero_bayes.modelica.units import is_unit, to_modelica_unit, unit_written_out
 
 if TYPE_CHECKING:
     import pandas
@@ -40,8 +40,6 @@ EPOCH_RANGE = (0.98e9, 4.1e9)
 SPREADSHEET_DAYS, MAX_DAY_STEP = (32874.0, 69763.0), 1.0
 #: Share of the steps of time that run backwards where the newest row stands on top.
 MOSTLY_BACK = 0.9
-#: Where a cell stands: "FILE, row 7".
-Place = Callable[[int], str]
 
 
 def is_value(cell: str) -> bool:
@@ -60,21 +58,21 @@ def measured(cell: str) -> tuple[str, str]:
 def _unit(text: str) -> str:
     """Return a unit that is known; empty for another word."""
     plain = to_modelica_unit(text)
-    return plain if plain in TEMPERATURES or base_units(plain or "?") else unit_written_out(text)
+    return plain if is_unit(plain) else unit_written_out(text)
 
 
 def numbers_and_unit(
-    column: pandas.Series, place: Place, name: str, words: Mapping[str, float] | None = None
+    column: pandas.Series, where: str, name: str, words: Mapping[str, float] | None = None
 ) -> tuple[FloatArray, str]:
     """Convert cells of a column to numbers, NaN where one is empty; return the unit behind all of them, too.
 
-    ``words`` are the names of some numbers."""
+    ``words`` are the names of some numbers; ``where`` is what a row is called, and its index numbers them."""
     import pandas
 
     if column.dtype.kind in "biuf":
         return numbers(column, name), ""
     if column.dtype.kind in "mM":
-        raise InputError(f"{place(0)}, column {name}: holds dates or durations, expected numbers")
+        raise InputError(f"{where} {column.index[0]}, column {name}: holds dates or durations, expected numbers")
     known = {word.casefold(): value for word, value in (words or {}).items()}
     cells, unit = column.astype(object).map(_plain_cell), ""
     if known:
@@ -89,7 +87,8 @@ def numbers_and_unit(
     if wrong.any():
         row = int(np.argmax(wrong))
         expected = f", expected {', '.join(words)}" if words else f", expected one in {unit}" if unit else ""
-        raise InputError(f"{place(row)}, column {name}: {str(cells.iloc[row])[:40]!r} is not a number{expected}")
+        told = f"{where} {column.index[row]}, column {name}: {str(cells.iloc[row])[:40]!r} is not a number"
+        raise InputError(f"{told}{expected}")
     return found, unit
 
 
@@ -106,7 +105,7 @@ def _plain_cell(cell: Any) -> Any:
     return SWITCHED.get(text.lower(), text)
 
 
-def times_in(column: pandas.Series, place: Place, name: str) -> tuple[FloatArray, float]:
+def times_in(column: pandas.Series, where: str, name: str) -> tuple[FloatArray, float]:
     """Convert cells to times in s, and what was taken off: times of day over midnight, dates from the earliest.
 
     A date without a zone is taken for universal time, which knows no hour twice."""
@@ -121,19 +120,24 @@ def times_in(column: pandas.Series, place: Place, name: str) -> tuple[FloatArray
         days = np.concatenate(([0.0], np.cumsum(np.diff(time[::turn]) < -0.5 * DAY)))  # over midnight
         return time + DAY * days[::turn], 0.0
     if (":" not in text[0] and not re.fullmatch(DATE, text[0])) or isinstance(column.iloc[0], int | float):
-        time, unit = numbers_and_unit(column, place, name)
+        time, unit = numbers_and_unit(column, where, name)
         if unit not in ("", "s"):
-            raise InputError(f"{place(0)}, column {name}: {text[0]!r} is in {unit}, expected plain numbers, or seconds")
+            raise InputError(f"{where} {column.index[0]}, column {name}: {text[0]!r} is in {unit}, expected plain "
+                             "numbers, or seconds")  # fmt: skip
         return time, 0.0
     for row, cell in enumerate(text):
         if not DATES.fullmatch(cell):
-            raise InputError(f"{place(row)}, column {name}: {cell[:40]!r} is not a number, a date like "
+            raise InputError(f"{where} {column.index[row]}, column {name}: {cell[:40]!r} is not a number, a date like "
                              "2026-03-01T10:00:00.0 or a time of day like 10:00:00")  # fmt: skip
-    return _dates_in(text, place, name)
+    dates = _dates_in(text)
+    if (none := dates.isna().to_numpy()).any():
+        row = int(np.argmax(none))
+        raise InputError(f"{where} {column.index[row]}, column {name}: {text[row]!r} is no date")
+    return instants(dates)
 
 
-def _dates_in(text: list[str], place: Place, name: str) -> tuple[FloatArray, float]:
-    """Convert dates to s; of day and month in dates with slashes, in that order in which the time goes on steadily."""
+def _dates_in(text: list[str]) -> pandas.Series:
+    """Read dates; of day and month in dates with slashes, in that order in which the time goes on steadily."""
     import pandas
 
     plain = pandas.Series(text).str.replace(r"(?<=\d),(?=\d)", ".", regex=True)
@@ -144,11 +148,7 @@ def _dates_in(text: list[str], place: Place, name: str) -> tuple[FloatArray, flo
         orders = [False] if re.search("[AaPp][Mm]", text[0]) else [False, True]
     form = "mixed" if slashes or not year_first else "ISO8601"
     read = [pandas.to_datetime(plain, format=form, dayfirst=day, utc=True, errors="coerce") for day in orders]
-    best = min(read, key=lambda dates: (dates.isna().any(), dates.diff().abs().max()))
-    if best.isna().any():
-        row = int(np.argmax(best.isna()))
-        raise InputError(f"{place(row)}, column {name}: {text[row]!r} is no date")
-    return instants(best)
+    return min(read, key=lambda dates: (dates.isna().any(), dates.diff().abs().max()))
 
 
 def seconds(times: Any) -> FloatArray:

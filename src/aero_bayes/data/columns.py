@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from aero_bayes.arrays import FloatArray
 from aero_bayes.declared import ColumnSpec, PackageDeclaration
 from aero_bayes.errors import InputError
-from aero_bayes.modelica.units import TEMPERATURES, base_units, conversion, to_modelica_unit, unit_written_out
+from aero_bayes.modelica.units import base_units, conversion, is_unit, to_modelica_unit, unit_written_out
 
 if TYPE_CHECKING:
     from aero_bayes.simulation.model import Model
@@ -210,7 +210,7 @@ class ColumnMap:
         known = base_units(to_modelica_unit(unit))
         found = conversion(unit, expected) if expected or known is None else (known[0], 0.0)
         if found is None:
-            if known is None and to_modelica_unit(unit) not in TEMPERATURES:
+            if not is_unit(to_modelica_unit(unit)):
                 meant = unit_written_out(unit)
                 hint = f"; did you mean {meant}?" if meant else f", expected one like {expected or 'rad/s'}"
                 raise InputError(f"column {column}: unknown unit {unit!r}{hint}")
@@ -232,17 +232,29 @@ class Layout:
         Plausible sample rates in Hz.
     constants : mapping of str to float
         Inputs without a column, and their constant values in SI units.
+    maps : mapping of str to ColumnMap
+        Where a column is found if not under its own name and in the model's unit.
 
     Examples
     --------
-    >>> Layout.of(["F"], ["position"], {"F": "N", "position": "m"}).units
+    >>> layout = Layout.of(["F"], ["position"], {"F": "N", "position": "m"})
+    >>> layout.units
     {'time': 's', 'F': 'N', 'position': 'm'}
+    >>> layout.held, layout.measured, layout.called["F"]
+    (['F'], ['position'], 'F')
     """
 
     inputs: tuple[ColumnSpec, ...]
     outputs: tuple[ColumnSpec, ...]
     rates: tuple[float, float] = (0.0, math.inf)
     constants: Mapping[str, float] = field(default_factory=dict)
+    maps: Mapping[str, ColumnMap] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        for column in self.maps:
+            if column not in self.units:
+                known = ", ".join(self.units)
+                raise InputError(f"columns: {column} is not a column of the model, expected one of {known}")
 
     @classmethod
     def of(
@@ -304,6 +316,21 @@ class Layout:
         """SI unit of every column, time included."""
         return {"time": "s"} | {quantity.name: quantity.unit for quantity in (*self.inputs, *self.outputs)}
 
+    @property
+    def held(self) -> list[str]:
+        """Names of inputs."""
+        return [quantity.name for quantity in self.inputs]
+
+    @property
+    def measured(self) -> list[str]:
+        """Names of outputs."""
+        return [quantity.name for quantity in self.outputs]
+
+    @property
+    def called(self) -> dict[str, str]:
+        """What a file calls each column."""
+        return {name: self.maps[name].source if name in self.maps else name for name in self.units}
+
 
 def split_unit(column: str) -> tuple[str, str]:
     """Return a column's name without its unit, and the unit: ``U [mV]``, ``phi (deg)``, ``time/s``, ``t_ms``.
@@ -311,16 +338,13 @@ def split_unit(column: str) -> tuple[str, str]:
     HOBO's ``P, W (LGR S/N: 100)`` is P in W, and ``Date Time, GMT+01:00`` has no unit."""
     if (hobo := re.fullmatch(r"([^,]*), ([^(,]*?)( \(.*\))?", column)) is not None:
         unit = to_modelica_unit(hobo[2])
-        if hobo[2].startswith(("GMT", "UTC")) or unit in TEMPERATURES or base_units(unit or "?"):
+        if hobo[2].startswith(("GMT", "UTC")) or is_unit(unit):
             return hobo[1], "" if hobo[2].startswith(("GMT", "UTC")) else unit
     if (brackets := re.fullmatch(r"(.*?)[\s_]*[\[(](.*)[\])]\s*", column)) is not None:
         return brackets[1], to_modelica_unit(brackets[2])
     for mark in ("/", "_", " "):
         name, _, unit = column.partition(mark) if mark == "/" else column.rpartition(mark)
-        if (
-            name
-            and (to_modelica_unit(unit) in TEMPERATURES or base_units(to_modelica_unit(unit) or "?"))
-            and to_modelica_unit(unit) != "1"
-        ):
-            return name, to_modelica_unit(unit)
+        plain = to_modelica_unit(unit)
+        if name and is_unit(plain) and plain != "1":
+            return name, plain
     return column, ""

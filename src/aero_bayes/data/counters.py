@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from aero_bayes.arrays import FloatArray
@@ -17,16 +15,10 @@ MIN_RISES, MAX_FALLS, MIN_FALL = 20, 0.1, 4.0
 CLOSE = 1.5
 
 
-@dataclass(frozen=True, eq=False)
-class Falls:
-    """Where a counter falls, and the value at which it rolls over; None for one that is reset."""
+def counter_falls(values: FloatArray) -> tuple[Mask, float | None] | None:
+    """Return where a counter falls, and the value at which it rolls over, None for one that is reset.
 
-    rows: Mask
-    modulus: float | None
-
-
-def counter_falls(values: FloatArray) -> Falls | None:
-    """Return where a counter falls; None where the values do not only rise but for falls to about zero."""
+    None where the values do not only rise but for falls to about zero."""
     there = np.flatnonzero(np.isfinite(values))
     seen = values[there]
     steps = np.diff(seen)
@@ -41,4 +33,4 @@ def counter_falls(values: FloatArray) -> Falls | None:
     known = [m for m in MODULI if before.max() < m <= before.min() + close]
     # At an end of its own a counter falls by the same amount each time, but for one rise.
     own = float(np.round(np.median(before - after + rises.mean()), 6)) if down.size > 1 else None
-    return Falls(rows, known[0] if known else own if np.ptp(before) <= close else None)
+    return rows, known[0] if known else own if np.ptp(before) <= close else None

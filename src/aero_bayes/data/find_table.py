@@ -11,7 +11,7 @@ import numpy as np
 
 from aero_bayes.data.cells import is_value
 from aero_bayes.errors import InputError
-from aero_bayes.modelica.units import TEMPERATURES, base_units, to_modelica_unit, unit_written_out
+from aero_bayes.modelica.units import is_unit, to_modelica_unit, unit_written_out
 
 FindingKind = Literal[
     "sentinel", "outliers", "stuck", "clipped", "gap", "clock", "wrapped", "rounded", "quality", "unit", "sign", "swap",
@@ -95,13 +95,13 @@ class Found:
         """Return whether a row of the table's width belongs to it: not if it is empty, or a word leads it."""
         return any(row) and (self.lead is None or not row[self.lead] or is_value(row[self.lead]))
 
-    def note(self, file: str, below: Sequence[int]) -> str:
-        """Tell which rows above and below (from 0) are not read; empty if all are."""
+    def notes(self, file: str, below: Sequence[int]) -> tuple[str, ...]:
+        """Tell which rows above and below (from 0) are not read; nothing if all are."""
         rows = [r + 1 for r in (*self.skipped, *below)]
         if not rows:
-            return ""
+            return ()
         which = f"rows {runs_of(rows)} are" if len(rows) > 1 else f"row {runs_of(rows)} is"
-        return f"{file}: the names stand in row {self.header[0] + 1}; {which} not read"
+        return (f"{file}: the names stand in row {self.header[0] + 1}; {which} not read",)
 
 
 def longest_run(rows: Rows) -> Run:
@@ -173,9 +173,7 @@ def with_units(names: Sequence[str], units: Sequence[str]) -> list[str]:
 def _are_units(row: Sequence[str]) -> bool:
     """Return whether at least half of the cells are units, types, or mean that there is no unit."""
     given = [u.strip("[]() ") for u in row if u]
-    plain = [to_modelica_unit(u) for u in given]
-    known = [p in TEMPERATURES or base_units(p or "?") or NO_UNITS.fullmatch(u) or unit_written_out(u)
-             for u, p in zip(given, plain, strict=True)]  # fmt: skip
+    known = [is_unit(to_modelica_unit(u)) or NO_UNITS.fullmatch(u) or unit_written_out(u) for u in given]
     return 2 * sum(map(bool, known)) >= len(given)
 
 

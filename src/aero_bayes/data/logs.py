@@ -17,7 +17,7 @@ import numpy as np
 
 from aero_bayes.arrays import FloatArray
 from aero_bayes.data.cells import seconds
-from aero_bayes.data.source import Source, is_time_name
+from aero_bayes.data.table import Table, is_time_name
 from aero_bayes.data.tables import missing_extra
 from aero_bayes.errors import InputError
 
@@ -30,7 +30,7 @@ MATRIX = re.compile(r"\s*(?:double|float)\s+(\w+)\s*\(\s*(\d+)\s*,\s*(\d+)\s*\)\
 COMMENT, SEPARATORS = re.compile(r"(#|//|/\*).*"), re.compile(r"[\s,;]+")
 
 
-def log_source(path: Path) -> Source | None:
+def log_table(path: Path) -> Table | None:
     """Return all signals with their times; None for a file that is no log, by its first bytes.
 
     InputError for a log that cannot be read, or whose reader is not installed."""
@@ -53,7 +53,7 @@ def log_source(path: Path) -> Source | None:
     return None
 
 
-def _named(path: Path, found: list[Signal]) -> Source:
+def _named(path: Path, found: list[Signal]) -> Table:
     """Make signals of (group, name, unit, times, values); times are called ``time``, or by their group."""
     if not found:
         raise InputError(f"{path}: holds no signal over time")
@@ -69,10 +69,10 @@ def _named(path: Path, found: list[Signal]) -> Source:
             clock = f"time of {called}"
         vectors |= {clock: times, called: values}
         clocks[called] = clock
-    return Source.of_vectors(path, vectors, clocks)
+    return Table.of_vectors(path, vectors, clocks)
 
 
-def _mdf(path: Path) -> Source:
+def _mdf(path: Path) -> Table:
     from asammdf import MDF as File
 
     found = []
@@ -88,7 +88,7 @@ def _mdf(path: Path) -> Source:
     return _named(path, found)
 
 
-def _tdms(path: Path) -> Source:
+def _tdms(path: Path) -> Table:
     from nptdms import TdmsFile
 
     found = []
@@ -113,7 +113,7 @@ def _tdms(path: Path) -> Source:
     return _named(path, found)
 
 
-def _lvm(path: Path) -> Source:
+def _lvm(path: Path) -> Table:
     """Return one segment of a ``.lvm``; times are a column for all signals, one for each, or steps from ``X0``."""
     import pandas
 
@@ -149,7 +149,7 @@ def _lvm(path: Path) -> Source:
     return _named(path, found)
 
 
-def _modelica_table(path: Path) -> Source:
+def _modelica_table(path: Path) -> Table:
     """Return the columns of all matrices; InputError for one that has not the size that it states."""
     lines = path.read_text(encoding="utf-8-sig", errors="replace").splitlines()
     vectors: dict[str, FloatArray] = {}
@@ -171,4 +171,4 @@ def _modelica_table(path: Path) -> Source:
         clocks |= dict.fromkeys(called[1:], called[0])
     if not vectors:
         raise InputError(f"{path}: begins as a table of Modelica (#1) but has no matrix such as double tab(10,3)")
-    return Source.of_vectors(path, vectors, clocks)
+    return Table.of_vectors(path, vectors, clocks)

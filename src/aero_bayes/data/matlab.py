@@ -35,7 +35,7 @@ from typing import Any
 
 from aero_bayes.data import matlab_process
 from aero_bayes.data.matlab_process import HDF5, FloatArray
-from aero_bayes.data.source import MAP_COLUMNS, Source
+from aero_bayes.data.table import MAP_COLUMNS, Table
 from aero_bayes.data.tables import free_memory
 from aero_bayes.errors import InputError
 
@@ -45,7 +45,7 @@ READ_TIME_LIMIT, READ_TIME_PER_MIB = 30.0, 0.5
 INTERPRETER_BYTES = 2 << 30
 
 
-def matlab_source(path: Path) -> Source | None:
+def matlab_table(path: Path) -> Table | None:
     """Return the vectors of the file, and in the hint what of it cannot be read; None if its content is not MATLAB's.
 
     Its name matters for version 4 only, which has no mark."""
@@ -67,7 +67,7 @@ def matlab_source(path: Path) -> Source | None:
     vectors: dict[str, FloatArray] = answer["vectors"]
     clocks = dict.fromkeys(list(vectors)[1:], "time") if answer["result"] else _clocks(list(vectors))
     hint = f"; {_not_read(answer['opaque'])}" if answer["opaque"] else MAP_COLUMNS
-    return Source.of_vectors(path, vectors, clocks, hint)
+    return Table.of_vectors(path, vectors, clocks, hint)
 
 
 def _not_read(opaque: Sequence[str]) -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -18,29 +18,31 @@ from aero_bayes.arrays import FloatArray
 from aero_bayes.data.cells import is_newest_first, plain_seconds
 from aero_bayes.data.checks import MIN_SAMPLES, check_recording
 from aero_bayes.data.columns import ColumnMap, Layout, split_unit
-from aero_bayes.data.logs import log_source
-from aero_bayes.data.matlab import matlab_source
+from aero_bayes.data.logs import log_table
+from aero_bayes.data.matlab import matlab_table
 from aero_bayes.data.means import with_means
 from aero_bayes.data.recording import Recording
 from aero_bayes.data.screen import from_first_message, hide, with_counters, with_steady_clock
-from aero_bayes.data.source import Columns, Source, column_called, joined, read_columns, without_repeats
-from aero_bayes.data.tables import frame_source, text_source
+from aero_bayes.data.table import Notes, Table, column_called, joined, read_signals, without_repeats
+from aero_bayes.data.tables import frame_table, text_table
 from aero_bayes.errors import InputError
 from aero_bayes.files import whole_file
 from aero_bayes.modelica.units import conversion, to_modelica_unit
 from aero_bayes.unknown_names import known_names_hint, no_such_file
 
 if TYPE_CHECKING:
+    import pandas
+
     from aero_bayes.simulation.model import Model
 
 #: Suffixes of the files of a folder that are looked at.
 SUFFIXES = (".csv", ".txt", ".dat", ".tsv", ".mat", ".xlsx", ".parquet", ".feather", ".mf4", ".tdms", ".lvm")
 
 
-def open_source(path: Path) -> Source:
+def open_table(path: Path) -> Table:
     """Open a file of any form, which its content tells."""
     try:
-        return matlab_source(path) or log_source(path) or frame_source(path) or text_source(path)
+        return matlab_table(path) or log_table(path) or frame_table(path) or text_table(path)
     except PermissionError:
         raise InputError(f"{path}: may not be read (permission denied)") from None
 
@@ -54,10 +56,10 @@ def column_names(path: Path) -> list[str]:
     """Return names of the columns or signals of a file, or of all files of a folder."""
     if path.is_dir():
         return list(dict.fromkeys(name for file in data_files(path) for name in column_names(file)))
-    source = open_source(path)
-    if not source.names:
-        raise InputError(f"{path}: holds no signal over time{source.hint}")
-    return source.signal_names()
+    table = open_table(path)
+    if not table.names:
+        raise InputError(f"{path}: holds no signal over time{table.hint}")
+    return table.signal_names()
 
 
 #: How late after the first one's start a run in a table may start, as a share of the length of the one above it.
@@ -118,9 +120,9 @@ def read_recording(
         name: ColumnMap(found) if isinstance(found, str) else require_type(found, ColumnMap, f"columns: {name}")
         for name, found in (columns or {}).items()
     }
-    asked = _Asked(layout or Layout.of(inputs, outputs, units, model=model), maps)
-    name, parts = asked.run(paths_of(path, "path"))
-    return asked.recording(name, parts, asked.read(parts))
+    layout = replace(layout or Layout.of(inputs, outputs, units, model=model), maps=maps)
+    name, files = _run(paths_of(path, "path"), layout)
+    return _recording(name, files, *_read(files, layout), layout)
 
 
 def read_recordings(
@@ -135,42 +137,40 @@ def read_recordings(
     Each path is a file or a folder of a run; files that have all signals only together are one run. ``batch`` is the
     column of a table that names the run of each row; without it a table whose time runs back to its start holds several
     runs. They are called by the file and the batch, ``"runs 3"``."""
-    asked = _Asked(layout, dict(columns or {}), batch)
+    layout = replace(layout, maps=dict(columns or {}))
     found: list[Recording] = []
-    for files in asked.runs([Path(p) for p in paths]):
-        name, parts = asked.run(files)
-        given = asked.read(parts)
-        batches = _batches(given, batch if len(parts) == 1 else None)
+    for given in _runs([Path(p) for p in paths], layout):
+        name, files = _run(given, layout)
+        frame, notes = _read(files, layout, batch)
+        batches = _batches(frame, notes, batch if len(files) == 1 else None)
         short = [label for label, rows in batches.items() if label and rows.size < MIN_SAMPLES]
-        for label, rows in batches.items():
-            if label in short:
-                continue
-            own = _at_rows(given, rows) if label else given
-            found.append(asked.recording(f"{name} {label}" if label else name, parts, own))
-        told = []
         if len(short) == len(batches):
             raise InputError(
-                f"{parts[0]}: each of its {len(short)} runs has fewer than {MIN_SAMPLES} rows, expected rows in the "
+                f"{files[0]}: each of its {len(short)} runs has fewer than {MIN_SAMPLES} rows, expected rows in the "
                 "order of time, or the column that names their run in [data] batch"
             )
+        told = []
         if len(batches) > 1 and batch is None:
             parted = f"the time runs back to its start {len(batches) - 1} times; each part is a recording"
             told.append(f"{name}: {parted}, {name} 1 and so on")
         if short:
             told.append(f"{name}: {', '.join(short)} with fewer than {MIN_SAMPLES} rows are left out")
-        if told and found:
-            found[-1] = replace(found[-1], notes=(*found[-1].notes, *told))
+        for label, rows in batches.items():
+            if label not in short:
+                run = f"{name} {label}" if label else name
+                found.append(_recording(run, files, frame.iloc[rows], notes, layout))
+        found[-1] = replace(found[-1], notes=(*found[-1].notes, *told))
     return tuple(found)
 
 
-def _batches(given: Columns, batch: str | None) -> dict[str, NDArray[np.intp]]:
+def _batches(frame: pandas.DataFrame, notes: Notes, batch: str | None) -> dict[str, NDArray[np.intp]]:
     """Return the rows of each run in a table, by its label; one without a label if there are not several."""
     if batch is not None:
-        if given.batch is None:
+        if notes.batch is None:
             raise InputError(f"[data] batch = {batch!r} needs a table with one time for all of its signals")
-        labels = np.asarray(given.batch)
+        labels = notes.batch[frame.index].to_numpy()
         return {str(label): np.flatnonzero(labels == label) for label in dict.fromkeys(labels.tolist())}
-    time = given.columns["time"]
+    time = frame["time"].to_numpy()
     starts = np.flatnonzero(np.diff(time) < 0.0) + 1
     edges = [0, *starts.tolist(), time.size]
     usual = float(np.median(np.diff(time))) if time.size > 1 else 0.0
@@ -181,201 +181,164 @@ def _batches(given: Columns, batch: str | None) -> dict[str, NDArray[np.intp]]:
     return {str(k + 1): rows for k, rows in enumerate(np.split(np.arange(time.size), starts))}
 
 
-@dataclass(frozen=True)
-class _Asked:
-    """What is asked of files: the columns of a layout, where they stand, and the column that names batches."""
-
-    layout: Layout
-    maps: dict[str, ColumnMap]
-    batch: str | None = None
-
-    def __post_init__(self) -> None:
-        for column in self.maps:
-            if column not in self.layout.units:
-                known = ", ".join(self.layout.units)
-                raise InputError(f"columns: {column} is not a column of the model, expected one of {known}")
-
-    @property
-    def held(self) -> list[str]:
-        """Names of inputs."""
-        return [quantity.name for quantity in self.layout.inputs]
-
-    @property
-    def outputs(self) -> list[str]:
-        """Names of outputs."""
-        return [quantity.name for quantity in self.layout.outputs]
-
-    @property
-    def sources(self) -> dict[str, str]:
-        """What a file calls each column."""
-        return {name: self.maps[name].source if name in self.maps else name for name in self.layout.units}
-
-    def signals_in(self, file: Path) -> list[str]:
-        """Return the signals that a file has a column of."""
-        names = column_names(file)
-        return [n for n in (*self.held, *self.outputs) if column_called(self.sources[n], names) is not None]
-
-    def runs(self, paths: Sequence[Path]) -> list[list[Path]]:
-        """Return the files of each run: one each, unless only all of them together have every signal."""
-        files = [p for p in paths if not p.is_dir()]
-        if len(files) < 2 or not all(p.is_file() for p in files):
-            return [[p] for p in paths]
-        there = {p: self.signals_in(p) for p in files}
-        partial = [p for p, own in there.items()
-                   if own and not (set(self.held) <= set(own) and set(own) & set(self.outputs))]  # fmt: skip
-        if not partial:
-            return [[p] for p in paths]
-        owners = [n for own in there.values() for n in own]
-        once = len(set(owners)) == len(owners) and set(self.held) <= set(owners)
-        if once and len(partial) == len(files) == len(paths):
-            return [files]
-        lacking = [n for n in self.held if n not in there[partial[0]]] or self.outputs
-        raise InputError(
-            f"{partial[0]}: has {', '.join(there[partial[0]])} but not {lacking[0]}; if it is a part of a run, put the "
-            "files of each run in a folder of its own and give the folder"
-        )
-
-    def run(self, files: Sequence[Path]) -> tuple[str, list[Path]]:
-        """Return the name of a run and its files that hold a signal; those of a folder for the folder."""
-        for file in files:
-            if not file.exists():
-                raise InputError(no_such_file(file))
-        if len(files) > 1 or not files[0].is_dir():
-            return "+".join(file.stem for file in files), list(files)
-        parts = [p for p in data_files(files[0]) if self.signals_in(p)]
-        if not parts:
-            wanted = ", ".join([*self.held, *self.outputs])
-            raise InputError(f"{files[0]}: is a folder in which no file has a column of {wanted}")
-        return files[0].name, parts
-
-    def read(self, files: Sequence[Path]) -> Columns:
-        """Read all columns of a run, in their own units; the time in seconds where no unit is given."""
-        if len(files) > 1:
-            return self._joined(files)
-        given = self._columns(files[0], [*self.held, *self.outputs], [*self.held, *self.maps], self.batch)
-        if not any(name in given.columns for name in self.outputs):
-            missing = ", ".join(self.sources[name] for name in self.outputs)
-            there = known_names_hint(self.sources[self.outputs[0]] if self.outputs else "", column_names(files[0]))
-            raise InputError(f"{files[0]}: no output column, expected at least one of {missing}{there}")
-        return given
-
-    def _joined(self, files: Sequence[Path]) -> Columns:
-        """Read each signal from the file that has it, at the times of all."""
-        pairs: dict[str, tuple[FloatArray, FloatArray]] = {}
-        named: dict[str, str] = {}
-        notes, sums, begin = [], [], None
-        for file in files:
-            own = self.signals_in(file)
-            given = self._columns(file, own, own)
-            begin = given.origin if begin is None else begin
-            time = given.columns["time"] + (given.origin - begin)
-            for name in own:
-                if name in pairs:
-                    raise InputError(f"{file}: has {name}, as another file of its run has; expected one only")
-                pairs[name] = time, np.where(given.bad.get(name, False), np.nan, given.columns[name])
-            named |= dict(given.named)
-            notes += [f"{', '.join(own)} from {file.name}", *([given.note] if given.note else [])]
-            sums.append(given.sha256)
-        lacking = [name for name in self.held if name not in pairs]
-        lacking += [] if set(pairs) & set(self.outputs) else self.outputs
-        if lacking:
-            raise InputError(f"{files[0].parent}: no file of the run has a column of {self.sources[lacking[0]]}")
-        begins, ends = zip(*((times[0], times[-1]) for times, _ in pairs.values() if times.size), strict=True)
-        if max(begins) > min(ends):
-            raise InputError(
-                f"{files[0]}: its times and those of {files[-1].name} do not overlap, expected files of one run that "
-                "count time from one instant"
-            )
-        sha256 = hashlib.sha256("".join(sums).encode()).hexdigest()
-        return Columns(joined(pairs, self.held), sha256, named, note="joined on time: " + "; ".join(notes))
-
-    def _columns(self, file: Path, names: Sequence[str], wanted: Sequence[str], batch: str | None = None) -> Columns:
-        """Read the time and some columns, of which the file must have those that are ``wanted``."""
-        if not file.is_file():
-            raise InputError(f"{file}: is not a file")
-        asked = {name: self.sources[name] for name in ("time", *names)}
-        words = {quantity.name: quantity.words for quantity in (*self.layout.inputs, *self.layout.outputs)}
-        given = read_columns(open_source(file), asked, ["time", *wanted], self.held, batch, words)
-        if is_newest_first(given.columns["time"]):
-            told = f"{file.name}: the newest row stands first; read in the order of time"
-            last = given.first_row + given.columns["time"].size - 1
-            given = replace(_at_rows(given, np.arange(last - given.first_row, -1, -1)), first_row=-last)
-            given = replace(given, note="; ".join(filter(None, (given.note, told))))
-        # without the rows that a simulator writes a second time at an event
-        keep = without_repeats(given.columns, [name for name in self.held if name in given.columns])
-        given = given if keep.all() else replace(_at_rows(given, np.flatnonzero(keep)), first_row=given.first_row)
-        if self.maps.get("time", ColumnMap("time")).unit is None:
-            given.columns["time"], origin = plain_seconds(given.columns["time"])
-            given = replace(given, origin=given.origin + origin)
-        return given
-
-    def recording(self, name: str, files: Sequence[Path], given: Columns) -> Recording:
-        """Return the checked recording of what a file gave, in the units of the layout."""
-        missing = {n: column.missing for n, column in self.maps.items()}
-        raw = {n: np.where(np.isin(v, missing.get(n) or ()), np.nan, v) for n, v in given.columns.items()}
-        values = {n: self._in_unit(column, n, given.named) for n, column in raw.items()}
-        recording = Recording(
-            name=name,
-            time=values["time"],
-            inputs={n: np.full(values["time"].size, value) for n, value in self.layout.constants.items()}
-            | {n: values[n] for n in self.held},
-            outputs={n: values[n] for n in self.outputs if n in values},
-            units={n: unit for n, unit in self.layout.units.items() if n in values},
-            sha256=given.sha256,
-            path=files[0] if len(files) == 1 and files[0].is_file() else None,
-            first_row=given.first_row,
-            notes=(*([given.note] if given.note else []), *self._doubts(given)),
-        )
-        recording = with_steady_clock(recording)
-        for n, rows in given.bad.items():
-            what = f"{int(rows.sum())} readings of {n} are marked as bad in its quality column."
-            recording = hide(recording, n, rows, "quality", what)
-        first = recording.first_row
-        mended = {"time", *(n for n, column in self.maps.items() if column.unwrap or column.reset)}
-        recording = with_counters(recording, {n: v for n, v in raw.items() if n not in mended})
-        own = {n: v for n, v in raw.items() if n != "time" and missing.get(n) is None}
-        recording = from_first_message(recording, own, [n for n in self.held if missing.get(n)])
-        begin = abs(recording.first_row - first)
-        check_recording(recording, self.layout, lambda row: given.line(row + begin))
-        return with_means(recording, {n: self.maps[n].stamp for n in values if self._is_mean(n)})
-
-    def _is_mean(self, name: str) -> bool:
-        return name in self.maps and self.maps[name].kind == "mean"
-
-    def _doubts(self, columns: Columns) -> list[str]:
-        """Ask about columns whose header has another unit than they are read in: that is given, or the model's."""
-        found = []
-        for name, header in columns.named.items():
-            column = self._map_of(name, columns.named)
-            told, given = split_unit(header)[1], to_modelica_unit(column.unit or self.layout.units.get(name, ""))
-            known = conversion(told, given) if told and given and told != given else None
-            plain = (column.scale, column.offset) == (1.0, 0.0) and not (name == "time" and columns.origin)
-            if plain and known not in (None, (1.0, 0.0)):
-                found.append(f"{name} is read in {given}, but its header says {told}: which of them is right?")
-        return found
-
-    def _in_unit(self, values: FloatArray, name: str, named: Mapping[str, str]) -> FloatArray:
-        """Convert values to the unit of the layout, from the unit that was given or the one in the column's name."""
-        return self._map_of(name, named).convert(values, name, self.layout.units[name])
-
-    def _map_of(self, name: str, named: Mapping[str, str]) -> ColumnMap:
-        """Return how a column is read: in the unit in its name where it is asked for without that."""
-        column = self.maps.get(name, ColumnMap(name))
-        called = re.fullmatch(r".*? \[(.*)\]", named.get(name, ""))
-        asked = column.unit is None and called and named[name] != column.source
-        return replace(column, unit=called[1]) if asked and called else column
+def _signals_in(file: Path, layout: Layout) -> list[str]:
+    """Return the signals that a file has a column of."""
+    names, called = column_names(file), layout.called
+    return [n for n in (*layout.held, *layout.measured) if column_called(called[n], names) is not None]
 
 
-def _at_rows(given: Columns, rows: NDArray[np.intp]) -> Columns:
-    """Return some rows."""
-    return replace(
-        given,
-        columns={name: values[rows] for name, values in given.columns.items()},
-        bad={name: marked[rows] for name, marked in given.bad.items() if marked[rows].any()},
-        batch=None if given.batch is None else [given.batch[row] for row in rows],
-        line=lambda row: given.line(int(rows[row])),
-        first_row=given.first_row + int(rows[0]),
+def _runs(paths: Sequence[Path], layout: Layout) -> list[list[Path]]:
+    """Return the files of each run: one each, unless only all of them together have every signal."""
+    files = [p for p in paths if not p.is_dir()]
+    if len(files) < 2 or not all(p.is_file() for p in files):
+        return [[p] for p in paths]
+    held, measured = set(layout.held), set(layout.measured)
+    there = {p: _signals_in(p, layout) for p in files}
+    partial = [p for p, own in there.items() if own and not (held <= set(own) and set(own) & measured)]
+    if not partial:
+        return [[p] for p in paths]
+    owners = [n for own in there.values() for n in own]
+    once = len(set(owners)) == len(owners) and held <= set(owners)
+    if once and len(partial) == len(files) == len(paths):
+        return [files]
+    lacking = [n for n in layout.held if n not in there[partial[0]]] or layout.measured
+    raise InputError(
+        f"{partial[0]}: has {', '.join(there[partial[0]])} but not {lacking[0]}; if it is a part of a run, put the "
+        "files of each run in a folder of its own and give the folder"
     )
+
+
+def _run(files: Sequence[Path], layout: Layout) -> tuple[str, list[Path]]:
+    """Return the name of a run and its files that hold a signal; those of a folder for the folder."""
+    for file in files:
+        if not file.exists():
+            raise InputError(no_such_file(file))
+    if len(files) > 1 or not files[0].is_dir():
+        return "+".join(file.stem for file in files), list(files)
+    parts = [p for p in data_files(files[0]) if _signals_in(p, layout)]
+    if not parts:
+        wanted = ", ".join([*layout.held, *layout.measured])
+        raise InputError(f"{files[0]}: is a folder in which no file has a column of {wanted}")
+    return files[0].name, parts
+
+
+def _read(files: Sequence[Path], layout: Layout, batch: str | None = None) -> tuple[pandas.DataFrame, Notes]:
+    """Read all columns of a run, in their own units; the time in seconds where no unit is given."""
+    if len(files) > 1:
+        return _joined(files, layout)
+    held, measured = layout.held, layout.measured
+    frame, notes = _columns(files[0], [*held, *measured], [*held, *layout.maps], layout, batch)
+    if not any(name in frame for name in measured):
+        missing = ", ".join(layout.called[name] for name in measured)
+        there = known_names_hint(layout.called[measured[0]] if measured else "", column_names(files[0]))
+        raise InputError(f"{files[0]}: no output column, expected at least one of {missing}{there}")
+    return frame, notes
+
+
+def _joined(files: Sequence[Path], layout: Layout) -> tuple[pandas.DataFrame, Notes]:
+    """Read each signal from the file that has it, at the times of all."""
+    pairs: dict[str, tuple[FloatArray, FloatArray]] = {}
+    named: dict[str, str] = {}
+    told, sums, begin = [], [], None
+    for file in files:
+        own = _signals_in(file, layout)
+        frame, notes = _columns(file, own, own, layout)
+        begin = notes.origin if begin is None else begin
+        time = frame["time"].to_numpy() + (notes.origin - begin)
+        for name in own:
+            if name in pairs:
+                raise InputError(f"{file}: has {name}, as another file of its run has; expected one only")
+            pairs[name] = time, np.where(frame.index.isin(notes.bad.get(name, [])), np.nan, frame[name])
+        named |= dict(notes.called)
+        told += [f"{', '.join(own)} from {file.name}", *notes.told]
+        sums.append(notes.sha256)
+    lacking = [name for name in layout.held if name not in pairs]
+    lacking += [] if set(pairs) & set(layout.measured) else layout.measured
+    if lacking:
+        raise InputError(f"{files[0].parent}: no file of the run has a column of {layout.called[lacking[0]]}")
+    begins, ends = zip(*((times[0], times[-1]) for times, _ in pairs.values() if times.size), strict=True)
+    if max(begins) > min(ends):
+        raise InputError(
+            f"{files[0]}: its times and those of {files[-1].name} do not overlap, expected files of one run that "
+            "count time from one instant"
+        )
+    sha256 = hashlib.sha256("".join(sums).encode()).hexdigest()
+    return joined(pairs, layout.held), Notes(sha256, named, (f"joined on time: {'; '.join(told)}",))
+
+
+def _columns(
+    file: Path, names: Sequence[str], wanted: Sequence[str], layout: Layout, batch: str | None = None
+) -> tuple[pandas.DataFrame, Notes]:
+    """Read the time and some columns, of which the file must have those that are ``wanted``."""
+    if not file.is_file():
+        raise InputError(f"{file}: is not a file")
+    asked = {name: layout.called[name] for name in ("time", *names)}
+    words = {quantity.name: quantity.words for quantity in (*layout.inputs, *layout.outputs)}
+    frame, notes = read_signals(open_table(file), asked, ["time", *wanted], layout.held, batch, words)
+    if is_newest_first(frame["time"].to_numpy()):
+        frame = frame.iloc[::-1]
+        notes = replace(
+            notes, told=(*notes.told, f"{file.name}: the newest row stands first; read in the order of time")
+        )
+    frame = without_repeats(frame, layout.held)
+    if layout.maps.get("time", ColumnMap("time")).unit is None:
+        time, origin = plain_seconds(frame["time"].to_numpy())
+        frame, notes = frame.assign(time=time), replace(notes, origin=notes.origin + origin)
+    return frame, notes
+
+
+def _recording(name: str, files: Sequence[Path], frame: pandas.DataFrame, notes: Notes, layout: Layout) -> Recording:
+    """Return the checked recording of what a file gave, in the units of the layout."""
+    maps, rows = layout.maps, frame.index.to_numpy()
+    missing = {n: column.missing for n, column in maps.items()}
+    raw = {n: np.where(np.isin(frame[n], missing.get(n) or ()), np.nan, frame[n]) for n in frame}
+    values = {n: _map_of(n, layout, notes.called).convert(column, n, layout.units[n]) for n, column in raw.items()}
+    first = int(rows[0]) * (-1 if rows.size and rows[0] > rows[-1] else 1) if rows.size else 1
+    recording = Recording(
+        name=name,
+        time=values["time"],
+        inputs={n: np.full(values["time"].size, value) for n, value in layout.constants.items()}
+        | {n: values[n] for n in layout.held},
+        outputs={n: values[n] for n in layout.measured if n in values},
+        units={n: unit for n, unit in layout.units.items() if n in values},
+        sha256=notes.sha256,
+        path=files[0] if len(files) == 1 and files[0].is_file() else None,
+        first_row=first,
+        notes=(*notes.told, *_doubts(layout, notes)),
+    )
+    recording = with_steady_clock(recording)
+    for n, marked in notes.bad.items():
+        if (bad := frame.index.isin(marked)).any():
+            what = f"{int(bad.sum())} readings of {n} are marked as bad in its quality column."
+            recording = hide(recording, n, bad, "quality", what)
+    mended = {"time", *(n for n, column in maps.items() if column.unwrap or column.reset)}
+    recording = with_counters(recording, {n: v for n, v in raw.items() if n not in mended})
+    own = {n: v for n, v in raw.items() if n != "time" and missing.get(n) is None}
+    recording = from_first_message(recording, own, [n for n in layout.held if missing.get(n)])
+    begin = abs(recording.first_row - first)
+    check_recording(recording, layout, lambda row: f"{notes.row} {rows[row + begin]}")
+    return with_means(recording, {n: maps[n].stamp for n in values if n in maps and maps[n].kind == "mean"})
+
+
+def _doubts(layout: Layout, notes: Notes) -> list[str]:
+    """Ask about columns whose header has another unit than they are read in: that is given, or the model's."""
+    found = []
+    for name, header in notes.called.items():
+        column = _map_of(name, layout, notes.called)
+        told, given = split_unit(header)[1], to_modelica_unit(column.unit or layout.units.get(name, ""))
+        known = conversion(told, given) if told and given and told != given else None
+        plain = (column.scale, column.offset) == (1.0, 0.0) and not (name == "time" and notes.origin)
+        if plain and known not in (None, (1.0, 0.0)):
+            found.append(f"{name} is read in {given}, but its header says {told}: which of them is right?")
+    return found
+
+
+def _map_of(name: str, layout: Layout, named: Mapping[str, str]) -> ColumnMap:
+    """Return how a column is read: in the unit in its name where it is asked for without that."""
+    column = layout.maps.get(name, ColumnMap(name))
+    called = re.fullmatch(r".*? \[(.*)\]", named.get(name, ""))
+    asked = column.unit is None and called and named[name] != column.source
+    return replace(column, unit=called[1]) if asked and called else column
 
 
 def write_csv(recording: Recording, path: Path | str) -> Path:

@@ -17,7 +17,7 @@ from aero_bayes.data.cells import is_newest_first, numbers, seconds
 from aero_bayes.data.checks import check_recording
 from aero_bayes.data.columns import ColumnMap
 from aero_bayes.data.find_table import DataFinding
-from aero_bayes.data.source import is_time_name
+from aero_bayes.data.table import is_time_name
 from aero_bayes.display import table_html
 from aero_bayes.errors import InputError
 from aero_bayes.figures import describe_figure_parameters, drawn

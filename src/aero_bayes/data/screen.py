@@ -262,12 +262,17 @@ def from_first_message(recording: Recording, raw: Mapping[str, FloatArray], fill
         else:
             recording = hide(recording, name, mask, "sentinel", what, f"They are not fitted; {keep}")
     for name in filled:
-        there = np.flatnonzero(np.isfinite(recording.inputs[name]))
-        if there.size:
-            first = max(first, int(there[0]))
-            before = there[np.clip(np.searchsorted(there, np.arange(recording.rows), side="right") - 1, 0, None)]
-            recording = replace(recording, inputs={**recording.inputs, name: recording.inputs[name][before]})
+        there = np.isfinite(recording.inputs[name])
+        if there.any():
+            first, recording = max(first, int(np.argmax(there))), _held_between(recording, name, there)
     return recording.rows_where(np.arange(recording.rows) >= first, recording.name) if first else recording
+
+
+def _held_between(recording: Recording, name: str, known: Mask) -> Recording:
+    """Return the recording with an input that holds between the rows at which it is known."""
+    rows = np.flatnonzero(known)
+    before = rows[np.clip(np.searchsorted(rows, np.arange(known.size), side="right") - 1, 0, None)]
+    return replace(recording, inputs={**recording.inputs, name: recording.inputs[name][before]})
 
 
 def with_counters(recording: Recording, raw: Mapping[str, FloatArray]) -> Recording:
@@ -276,13 +281,13 @@ def with_counters(recording: Recording, raw: Mapping[str, FloatArray]) -> Record
         own = {**recording.inputs, **recording.outputs}[name]
         falls = None if wrapped_rows(own, recording.units.get(name, "")).size else counter_falls(values)
         if falls is not None:
-            how, setting = "is reset", "reset = true"
-            if falls.modulus is not None:
-                power, setting = math.log2(falls.modulus), f"unwrap = {falls.modulus:.9g}"
-                how = f"rolls over at {falls.modulus:.9g}{f' = 2^{power:.0f}' if power.is_integer() else ''}"
-            what = f"{name} counts up and falls to about zero {int(falls.rows.sum())} times: its counter {how}."
+            (rows, modulus), how, setting = falls, "is reset", "reset = true"
+            if modulus is not None:
+                power, setting = math.log2(modulus), f"unwrap = {modulus:.9g}"
+                how = f"rolls over at {modulus:.9g}{f' = 2^{power:.0f}' if power.is_integer() else ''}"
+            what = f"{name} counts up and falls to about zero {int(rows.sum())} times: its counter {how}."
             done = f"Let it go on by [data.columns.{name}] {setting}."
-            recording = _told(recording, "wrapped", name, what, _where(recording, falls.rows), done, mended=False)
+            recording = _told(recording, "wrapped", name, what, _where(recording, rows), done, mended=False)
     return recording
 
 
@@ -345,11 +350,9 @@ def _with_possible_inputs(recording: Recording) -> Recording:
     """Return the recording with inputs held where the logger wrote a constant that is no value of them."""
     for name, values in recording.inputs.items():
         for constant, rows in impossible_inputs(values).items():
-            kept = np.flatnonzero(~rows)
-            before = kept[np.clip(np.searchsorted(kept, np.arange(values.size), side="right") - 1, 0, None)]
             what = f"{int(rows.sum())} values of the input {name} are exactly {constant:.7g}"
             what = f"{with_unit(what, recording.units.get(name, ''))}, which is impossible."
-            recording = replace(recording, inputs={**recording.inputs, name: values[before]})
+            recording = _held_between(recording, name, ~rows)
             done = "The value before is held there."
             recording = _told(recording, "sentinel", name, what, _where(recording, rows), done)
     return recording

@@ -14,14 +14,17 @@ import re
 import warnings
 from collections import deque
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from functools import partial
 from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TextIO
 
+import numpy as np
+
 from aero_bayes.data.cells import DATE, NO_READING, NUMBER, measured
 from aero_bayes.data.find_table import COMMENTS, longest_run, told_width, with_header
-from aero_bayes.data.source import Cells, Source
+from aero_bayes.data.table import HEAD, Table
 from aero_bayes.errors import InputError
 
 if TYPE_CHECKING:
@@ -42,9 +45,9 @@ BYTES_PER_VALUE, LEAST_BYTES = 24, 64 << 20
 MOST_TOTALS = 50
 
 
-def text_source(path: Path) -> Source:
+def text_table(path: Path) -> Table:
     """Return a table of text. Columns are read when they are asked for, if the memory is enough."""
-    return _TextTable(path).source
+    return _TextTable(path).table
 
 
 class _TextTable:
@@ -64,12 +67,13 @@ class _TextTable:
         if not run.stop:
             raise InputError(f"{path}: holds no table: expected names, and rows of numbers below them")
         self._found, self._width = with_header(rows, run, str(path)), run.width
-        self.names = self._found.names
-        head = [row[: len(self.names)] for row in rows[self._found.first :] if len(row) == run.width]
+        names = self._found.names
+        head = [row[: len(names)] for row in rows[self._found.first :] if len(row) == run.width][:HEAD]
         where = f"{path}, row {self._found.header[0] + 1}"
-        self.source = Source(path, self.names, self._read, where, head=pandas.DataFrame(head[:20]))
+        columns = {name: pandas.Series([row[k] for row in head]) for k, name in enumerate(names)}
+        self.table = Table(path, names, columns, where, "row", more=self._read)
 
-    def _read(self, columns: Sequence[str]) -> Cells:
+    def _read(self, columns: Sequence[str]) -> Table:
         """Read columns by name; InputError for lines with too few or too many cells, and for too little memory."""
         blanks, count, below, marks = self._scan()
         needed = BYTES_PER_VALUE * count * len(columns) + LEAST_BYTES
@@ -78,17 +82,13 @@ class _TextTable:
                 f"{self.path}: {count:,} rows of {len(columns)} columns need {needed / 2**20:,.0f} MiB of memory, "
                 f"{free / 2**20:,.0f} MiB are free: thin or cut the file, or run on a larger machine"
             )
-        frame = self._frame([self.names.index(name) for name in columns], count, marks)
-
-        def line(row: int) -> int:
-            at = row + self._found.first + 1
-            for blank in blanks:
-                at += blank <= at
-            return at
-
-        note = self._found.note(self.path.name, [number - 1 for number in below])
-        cells = dict(zip(columns, (frame[place] for place in frame), strict=True))
-        return Cells(cells, lambda row: f"row {line(row)}", line(0), note)
+        places = [self.table.names.index(name) for name in columns]
+        first = self._found.first + 1
+        lines = np.setdiff1d(np.arange(first, first + count + len(blanks)), blanks)[:count]
+        frame = self._frame(places, count, marks).set_axis(lines, axis=0)
+        cells = {name: frame[place] for name, place in zip(columns, places, strict=True)}
+        notes = self._found.notes(self.path.name, [number - 1 for number in below])
+        return replace(self.table, columns=cells, notes=notes, more=None)
 
     def _open(self) -> TextIO:
         return self.path.open(encoding=self._encoding, errors="replace")
@@ -116,7 +116,7 @@ class _TextTable:
                     continue
                 if below:
                     raise InputError(f"{self.path}, row {below[0][0]}: {told_width(below[0][1], width)} "
-                                     f"({', '.join(self.names)})")  # fmt: skip
+                                     f"({', '.join(self.table.names)})")  # fmt: skip
                 last.append((number, line))
                 count += 1
                 if separator != "," and "," in line:
@@ -233,7 +233,7 @@ REFUSED = {".xls": "save it as .xlsx or CSV", ".ods": "save it as .xlsx or CSV",
 MOST_ROWS = 200
 
 
-def frame_source(path: Path) -> Source | None:
+def frame_table(path: Path) -> Table | None:
     """Return a table that pandas reads whole, as its suffix tells; None for another file.
 
     InputError for one that is known and not read, whose reader is not installed, or that cannot be read."""
@@ -254,26 +254,24 @@ def frame_source(path: Path) -> Source | None:
     except Exception as error:
         reason = f"{error}".partition("\n")[0] or type(error).__name__
         raise InputError(f"{path}: cannot be read as a table: {reason}") from None
-    first, where, note = 1, str(path), ""
     if extra == "excel":
-        frame, first, where, note = _sheet(path, frame)
-    elif frame.index.name is not None and frame.index.name not in frame.columns:
+        return _sheet(path, frame)
+    if frame.index.name is not None and frame.index.name not in frame.columns:
         frame = frame.reset_index()
+    return _of_frame(path, frame.set_axis(range(1, len(frame) + 1), axis=0), str(path))
+
+
+def _of_frame(path: Path, frame: pandas.DataFrame, where: str, notes: tuple[str, ...] = ()) -> Table:
+    """Return a table whose rows are numbered by the index of a frame."""
+    if not len(frame):
+        raise InputError(f"{path}: holds a header but no data, expected one sample a row")
     names = [str(column).strip() for column in frame.columns]
-
-    def cells(asked: Sequence[str]) -> Cells:
-        if not len(frame):
-            raise InputError(f"{path}: holds a header but no data, expected one sample a row")
-        columns = {name: frame.iloc[:, names.index(name)] for name in asked}
-        return Cells(columns, lambda row: f"row {row + first}", first, note)
-
-    return Source(path, names, cells, where, head=frame.head(20))
+    columns = {name: frame.iloc[:, names.index(name)] for name in names}
+    return Table(path, names, columns, where, "row", notes=notes)
 
 
-def _sheet(path: Path, sheets: dict[str, pandas.DataFrame]) -> tuple[pandas.DataFrame, int, str, str]:
-    """Return the table of the first sheet that has one, its first row, where its names stand, and what is not read.
-
-    Its columns are those with a name."""
+def _sheet(path: Path, sheets: dict[str, pandas.DataFrame]) -> Table:
+    """Return the table of the first sheet that has one; its columns are those with a name."""
     for title, sheet in sheets.items():
         rows = [list(map(_text, row)) for row in sheet.head(MOST_ROWS).to_numpy()]
         run = longest_run(rows)
@@ -286,9 +284,10 @@ def _sheet(path: Path, sheets: dict[str, pandas.DataFrame]) -> tuple[pandas.Data
         below = [r for r in range(stop, len(sheet)) if sheet.iloc[r].notna().any()]
         data = sheet.iloc[found.first : stop, : len(found.names)].set_axis(found.names, axis=1)
         used = [k for k, name in enumerate(found.names) if name]
-        where, note = f"{path}, sheet {title}, row {found.header[0] + 1}", f"{path.name}, sheet {title}"
-        frame = data.iloc[:, used].reset_index(drop=True).infer_objects()
-        return frame, found.first + 1, where, found.note(note, below)
+        frame = data.iloc[:, used].set_axis(range(found.first + 1, stop + 1), axis=0).infer_objects()
+        where = f"{path}, sheet {title}"
+        notes = found.notes(f"{path.name}, sheet {title}", below)
+        return _of_frame(path, frame, f"{where}, row {found.header[0] + 1}", notes)
     raise InputError(f"{path}: no sheet has a row of names above rows of numbers")
 
 

@@ -109,6 +109,11 @@ def _symbol(name: str) -> tuple[float, dict[str, int]] | None:
     return None
 
 
+def is_unit(unit: str) -> bool:
+    """Return whether a unit is one that the Modelica grammar spells, and is known."""
+    return unit in TEMPERATURES or bool(unit and base_units(unit))
+
+
 def unit_written_out(name: str) -> str:
     """Return the unit that a word such as ``volts`` or ``miliamp`` names; empty for another word."""
     found = _WRITTEN_OUT.fullmatch(name.lower())

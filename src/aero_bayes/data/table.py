@@ -1,4 +1,4 @@
-"""One form for every file of readings: named columns, read when asked for; and what a recording takes of them."""
+"""One form for every file of readings, a table of named columns; and what a recording takes of it."""
 
 from __future__ import annotations
 
@@ -27,6 +27,8 @@ SAME_INSTANT = 9
 MAP_COLUMNS = "; map it with columns in the configuration"
 #: How a column is called that says of each row (or of one signal) whether it is good.
 QUALITY_NAMES = ("quality", "dataquality", "status", "validity", "flag", "q")
+#: Rows in which a column of signals' names is looked for.
+HEAD = 20
 #: Words for a reading that is none.
 BAD_WORDS = r"(?i)bad|invalid|uncertain|err|fail|fault|offline|no.?data|not.?connected|questionable|\bnok\b"
 #: How columns of signals' names and of their values are called in a table with one reading a row.
@@ -42,50 +44,37 @@ def is_time_name(name: str) -> bool:
     return plain == "t" or plain.casefold() in TIME_NAMES
 
 
-def _sample(row: int) -> str:
-    return f"sample {row + 1}"
-
-
 @dataclass(frozen=True)
-class Cells:
-    """Columns as they were read, what names a row in messages, the first row's number, and what was not read."""
+class Table:
+    """Columns of a file as they stand in it, which may differ in length; the index of each numbers its rows there.
 
-    columns: Mapping[str, pandas.Series]
-    line: Callable[[int], str] = _sample
-    first_row: int = 1
-    note: str = ""
-
-    def place(self, source: Source, rows: NDArray[np.intp] | None = None) -> Callable[[int], str]:
-        """Return what names a row, or one of some rows, with the file."""
-        return lambda row: f"{source.path}, {self.line(row if rows is None else int(rows[row]))}"
-
-
-@dataclass(frozen=True)
-class Source:
-    """A file: the names of its columns, where they stand, and their cells when they are asked for.
-
-    ``clocks`` has the column of times of each that has its own, ``head`` the first rows of a table; ``hint`` says what
-    to do about a missing column."""
+    ``row`` is what a row is called, ``where`` the place of the names. ``clocks`` has the column of times of each that
+    has its own; ``hint`` says what to do about a missing column, ``notes`` what of the file is not read. A table of
+    text has its first rows only, and reads ``more`` of columns."""
 
     path: Path
     names: Sequence[str]
-    cells: Callable[[Sequence[str]], Cells]
+    columns: Mapping[str, pandas.Series]
     where: str
-    head: pandas.DataFrame | None = None
+    row: str = "sample"
     clocks: Mapping[str, str] = field(default_factory=dict)
     hint: str = ""
+    notes: tuple[str, ...] = ()
+    more: Callable[[Sequence[str]], Table] | None = None
 
     @classmethod
     def of_vectors(
         cls, path: Path, vectors: Mapping[str, FloatArray], clocks: Mapping[str, str], hint: str = MAP_COLUMNS
-    ) -> Source:
+    ) -> Table:
         """Return a file of named vectors, which may differ in length."""
         import pandas
 
-        def cells(names: Sequence[str]) -> Cells:
-            return Cells({name: pandas.Series(vectors[name]) for name in names})
+        columns = {n: pandas.Series(v, index=pandas.RangeIndex(1, v.size + 1)) for n, v in vectors.items()}
+        return cls(path, list(vectors), columns, str(path), clocks=clocks, hint=hint)
 
-        return cls(path, list(vectors), cells, str(path), clocks=clocks, hint=hint)
+    def read(self, names: Sequence[str]) -> Table:
+        """Return the table with all rows of some columns."""
+        return self if self.more is None else self.more(list(dict.fromkeys(names)))
 
     def no_column(self, name: str) -> InputError:
         """Return the error for a column that is not there."""
@@ -106,28 +95,25 @@ class Source:
         timed = [n for n in self.names if is_time_name(n.partition("[")[0])]
         called = [n for n in self.names if VALUE_NAME.fullmatch(n)]
         text = [n for n in self.names if SIGNAL_NAME.fullmatch(n)]
-        if self.head is not None and len(timed) == len(called) == len(text) == 1:
-            return [timed[0], *sorted(set(_words(self.cells(text).columns[text[0]])))]
+        if self.row == "row" and len(timed) == len(called) == len(text) == 1:
+            return [timed[0], *sorted(set(_words(self.read(text).columns[text[0]])))]
         return list(self.names)
 
 
 @dataclass(frozen=True)
-class Columns:
-    """What a file gave: columns of equal length by the recording's names, and where they come from.
+class Notes:
+    """Where the columns of a recording come from: a file's hash, what it calls them, which may end in a unit, its rows.
 
-    ``named`` has what the file calls them, which may end in a unit; ``line`` names a row in messages, ``first_row`` is
-    the number of the first; ``bad`` has rows of outputs that the file calls bad; ``origin`` is what was taken off the
-    times, in s; ``batch`` names the run of each row; ``note`` tells what of the file was not read."""
+    ``bad`` has the rows of outputs that the file calls bad, ``batch`` the name of each row's run; ``origin`` is what
+    was taken off the times, in s; ``told`` says what of the file was not read."""
 
-    columns: dict[str, FloatArray]
     sha256: str
-    named: Mapping[str, str] = field(default_factory=dict)
-    line: Callable[[int], str] = _sample
-    first_row: int = 1
-    bad: Mapping[str, Mask] = field(default_factory=dict)
+    called: Mapping[str, str]
+    told: tuple[str, ...] = ()
+    row: str = "sample"
+    bad: Mapping[str, pandas.Index] = field(default_factory=dict)
     origin: float = 0.0
-    batch: Sequence[str] | None = None
-    note: str = ""
+    batch: pandas.Series | None = None
 
 
 def column_called(source: str, names: Iterable[str]) -> str | None:
@@ -146,63 +132,69 @@ def column_called(source: str, names: Iterable[str]) -> str | None:
     return None
 
 
-def read_columns(
-    source: Source,
+def read_signals(
+    table: Table,
     asked: Mapping[str, str],
     wanted: Collection[str],
     held: Collection[str],
     batch: str | None,
     words: Mapping[str, Mapping[str, float]],
-) -> Columns:
-    """Read the columns that a recording asks for, at one time: what the file calls each, and which it must have.
+) -> tuple[pandas.DataFrame, Notes]:
+    """Read the signals that a recording asks for, at one time: what the file calls each, and which it must have.
 
     ``held`` are the inputs, ``batch`` is the column that names the run of each row, and ``words`` has the words that
-    stand for values of a signal."""
-    with source.path.open("rb") as file:
+    stand for values of a signal. The index of the frame numbers the rows of the file."""
+    import pandas
+
+    with table.path.open("rb") as file:
         sha256 = hashlib.file_digest(file, "sha256").hexdigest()
-    labels = [] if batch is None else [source.column(batch)]
-    rows = _in_rows(source, asked)
+    labels = [] if batch is None else [table.column(batch)]
+    rows = _in_rows(table, asked)
     if rows is not None:
-        return replace(_of_rows(source, asked, wanted, held, (*rows, *labels), words), sha256=sha256)
-    named = {n: c for n, name in asked.items() if (c := column_called(name, source.names)) is not None}
-    if twice := next((c for c in named.values() if source.names.count(c) > 1), None):
-        raise InputError(f"{source.where}: column {twice} appears {source.names.count(twice)} times, expected once")
-    clocks = _clocks(source, named)
+        frame, notes = _of_rows(table, asked, wanted, held, (*rows, *labels), words)
+        return frame, replace(notes, sha256=sha256)
+    named = {n: c for n, name in asked.items() if (c := column_called(name, table.names)) is not None}
+    if twice := next((c for c in named.values() if table.names.count(c) > 1), None):
+        raise InputError(f"{table.where}: column {twice} appears {table.names.count(twice)} times, expected once")
+    clocks = _clocks(table, named)
     if missing := next((n for n in wanted if n not in named and not (n == "time" and clocks)), None):
-        raise source.no_column(asked[missing])
-    about = _quality_columns(source.names, {n: c for n, c in named.items() if n not in held and n != "time"})
-    found = source.cells(list(dict.fromkeys([*named.values(), *clocks.values(), *about, *labels])))
-    place = found.place(source)
+        raise table.no_column(asked[missing])
+    about = _quality_columns(table.names, {n: c for n, c in named.items() if n not in held and n != "time"})
+    table = table.read([*named.values(), *clocks.values(), *about, *labels])
+    columns, where = table.columns, f"{table.path}, {table.row}"
     bad: dict[str, Mask] = {}
     for column, signals in about.items():
-        marked = _bad(found.columns[column])
+        marked = _bad(columns[column])
         bad |= {s: bad.get(s, marked) | marked for s in signals if marked.any()}
-    cells = {n: found.columns[c] for n, c in named.items() if n != "time"}
+    cells = {n: columns[c] for n, c in named.items() if n != "time"}
     # a cell that is marked as bad may hold a word
     cells |= {n: cells[n].astype(object).mask(marked, None) for n, marked in bad.items() if cells[n].dtype.kind == "O"}
-    read = {n: numbers_and_unit(column, place, asked[n], words.get(n)) for n, column in cells.items()}
+    read = {n: numbers_and_unit(column, where, asked[n], words.get(n)) for n, column in cells.items()}
     values = {n: numbers for n, (numbers, _) in read.items()}
     named |= {n: _with_unit(named[n], unit) for n, (_, unit) in read.items() if unit}
-    if clocks and source.clocks:
-        first, *others = (found.columns[clock] for clock in dict.fromkeys(clocks.values()))
+    if clocks and table.clocks:
+        first, *others = (columns[clock] for clock in dict.fromkeys(clocks.values()))
         if all(first.equals(other) for other in others):
             named["time"], clocks = named.get("time", next(iter(clocks.values()))), {}
     if not clocks and not labels and _is_sparse(values, held):
         clocks = dict.fromkeys(values, named["time"])
     for n, own in values.items():
-        if own.size != (size := found.columns[clocks.get(n, named.get("time", ""))].size):
-            raise InputError(f"{source.path}, column {n}: {own.size} values, expected {size} as in time")
+        if own.size != (size := columns[clocks.get(n, named.get("time", ""))].size):
+            raise InputError(f"{table.path}, column {n}: {own.size} values, expected {size} as in time")
     if not clocks:
-        values["time"], origin = times_in(found.columns[named["time"]], place, asked["time"])
-        run = found.columns[labels[0]].map(_label).tolist() if labels else None
-        return Columns(values, sha256, named, found.line, found.first_row, bad, origin, run, found.note)
-    times = {clock: times_in(found.columns[clock].dropna(), place, clock) for clock in dict.fromkeys(clocks.values())}
+        timed = columns[named["time"]]
+        values["time"], origin = times_in(timed, where, asked["time"])
+        marks = {n: timed.index[marked] for n, marked in bad.items()}
+        run = columns[labels[0]].map(_label) if labels else None
+        frame = pandas.DataFrame(values, index=timed.index)
+        return frame, Notes(sha256, named, table.notes, table.row, marks, origin, run)
+    times = {clock: times_in(columns[clock].dropna(), where, clock) for clock in dict.fromkeys(clocks.values())}
     begin, pairs = min(origin for _, origin in times.values()), {}
     for n, clock in clocks.items():
         time, origin = times[clock]
-        seen = np.where(bad.get(n, False), np.nan, values[n])[found.columns[clock].notna()]
+        seen = np.where(bad.get(n, False), np.nan, values[n])[columns[clock].notna()]
         pairs[n] = time + (origin - begin), seen
-    return Columns(joined(pairs, held), sha256, named, note=found.note, origin=begin)
+    return joined(pairs, held), Notes(sha256, named, table.notes, origin=begin)
 
 
 def _with_unit(called: str, unit: str) -> str:
@@ -210,14 +202,14 @@ def _with_unit(called: str, unit: str) -> str:
     return f"{re.sub(r' .[^ ]*]$', '', called)} [{unit}]"
 
 
-def _clocks(source: Source, named: Mapping[str, str]) -> dict[str, str]:
+def _clocks(table: Table, named: Mapping[str, str]) -> dict[str, str]:
     """Return the column of times of each signal, where all signals have one of their own."""
-    if "time" in named and named["time"] not in source.clocks.values():
+    if "time" in named and named["time"] not in table.clocks.values():
         return {}
-    own = {n: source.clocks[c] for n, c in named.items() if c in source.clocks and n != "time"}
-    if source.clocks or "time" in named:
+    own = {n: table.clocks[c] for n, c in named.items() if c in table.clocks and n != "time"}
+    if table.clocks or "time" in named:
         return own if len(own) == len([n for n in named if n != "time"]) else {}
-    return clocks_of(source.where, source.names, named)
+    return clocks_of(table.where, table.names, named)
 
 
 def clocks_of(where: str, names: Sequence[str], named: Mapping[str, str]) -> dict[str, str]:
@@ -248,23 +240,24 @@ def _is_sparse(values: Mapping[str, FloatArray], held: Collection[str]) -> bool:
     return bool(driven.any() and read.any() and not (driven & read).any())
 
 
-def _in_rows(source: Source, asked: Mapping[str, str]) -> tuple[str, str, str] | None:
+def _in_rows(table: Table, asked: Mapping[str, str]) -> tuple[str, str, str] | None:
     """Return the columns of signals' names, times and values of a table with one reading a row.
 
     One of its columns of text has names of signals that no column is called by."""
-    head, missing = source.head, {name for n, name in asked.items() if n != "time"} - set(source.names)
-    if head is None or not missing or len(source.names) < 3:
+    missing = {name for n, name in asked.items() if n != "time"} - set(table.names)
+    if table.row != "row" or not missing or len(table.names) < 3:
         return None
-    for column, name in enumerate(source.names):
-        if name == asked["time"] or not set(_words(head.iloc[:, column])) & missing:
+    head = {name: column.head(HEAD) for name, column in table.columns.items()}
+    for name in table.names:
+        if name == asked["time"] or not set(_words(head[name])) & missing:
             continue
-        where = f"{source.where}: holds one reading a row, of the signal in column {name}"
-        others = [n for n in source.names if n != name]
+        where = f"{table.where}: holds one reading a row, of the signal in column {name}"
+        others = [n for n in table.names if n != name]
         time = column_called(asked["time"], others)
         timed = [n for n in others if is_time_name(n.partition("[")[0])] if time is None else [time]
         if len(timed) != 1:
             raise InputError(f"{where}, but no column of times")
-        numeric = (n for n in others if n != timed[0] and _is_numeric(head.iloc[:, source.names.index(n)]))
+        numeric = (n for n in others if n != timed[0] and _is_numeric(head[n]))
         left = [n for n in others if VALUE_NAME.fullmatch(n)] or list(numeric)
         if len(left) != 1:
             raise InputError(
@@ -281,46 +274,53 @@ def _is_numeric(column: pandas.Series) -> bool:
 
 
 def _of_rows(
-    source: Source,
+    table: Table,
     asked: Mapping[str, str],
     wanted: Collection[str],
     held: Collection[str],
     columns: Sequence[str],
     words: Mapping[str, Mapping[str, float]],
-) -> Columns:
+) -> tuple[pandas.DataFrame, Notes]:
     """Read signals from a table with one reading a row, at the union of their times.
 
     ``columns`` has their names, times and values, and labels of runs if there are any."""
-    about = [n for n in source.names if re.sub(r"[\W_]", "", n.casefold()) in QUALITY_NAMES]
-    found = source.cells(list(dict.fromkeys([*columns, *about])))
-    time, origin = times_in(found.columns[columns[1]], found.place(source), columns[1])
-    whose, valued = np.array(_words(found.columns[columns[0]])), found.columns[columns[2]]
-    good = ~np.logical_or.reduce([np.zeros(time.size, dtype=bool), *(_bad(found.columns[c]) for c in about)])
-    runs = found.columns[columns[3]].map(_label).to_numpy() if len(columns) > 3 else np.full(time.size, "")
-    parts: dict[str, dict[str, FloatArray]] = {}
+    import pandas
+
+    about = [n for n in table.names if re.sub(r"[\W_]", "", n.casefold()) in QUALITY_NAMES]
+    table = table.read([*columns, *about])
+    found, where = table.columns, f"{table.path}, {table.row}"
+    time, origin = times_in(found[columns[1]], where, columns[1])
+    whose, valued = np.array(_words(found[columns[0]])), found[columns[2]]
+    good = ~np.logical_or.reduce([np.zeros(time.size, dtype=bool), *(_bad(found[c]) for c in about)])
+    runs = found[columns[3]].map(_label).to_numpy() if len(columns) > 3 else np.full(time.size, "")
+    parts: dict[str, pandas.DataFrame] = {}
     units: dict[str, str] = {}
     for run in dict.fromkeys(runs.tolist()):
         pairs = {}
         for name, called in ((n, c) for n, c in asked.items() if n != "time"):
             own = np.flatnonzero((whose == called) & (runs == run) & good)
             if own.size == 0 and name in wanted:
-                raise InputError(f"{source.path}: no reading of {called} in column {columns[0]}"
+                raise InputError(f"{table.path}: no reading of {called} in column {columns[0]}"
                                  f"{known_names_hint(called, sorted(set(whose)))}")  # fmt: skip
             own = own[np.argsort(time[own], kind="stable")]
-            place = found.place(source, own)
-            values, units[name] = numbers_and_unit(valued.iloc[own], place, called, words.get(name))
+            values, units[name] = numbers_and_unit(valued.iloc[own], where, called, words.get(name))
             twice = np.flatnonzero((np.diff(time[own]) == 0.0) & (np.diff(values) != 0.0))
             if twice.size:
-                told = f"{place(int(twice[0] + 1))}: a second reading of {called} for one time; if the table holds"
-                raise InputError(f"{told} several runs, make a recording of each",
-                                 f"{told} several runs, name their column in [data] batch")  # fmt: skip
+                told = f"{where} {valued.index[own[twice[0] + 1]]}: a second reading of {called} for one time; if the "
+                raise InputError(f"{told}table holds several runs, make a recording of each",
+                                 f"{told}table holds several runs, name their column in [data] batch")  # fmt: skip
             pairs[name] = (time[own], values)
         parts[run] = joined(pairs, held)
-    whole = {n: np.concatenate([part[n] for part in parts.values()]) for n in next(iter(parts.values()))}
-    whole = {n: v for n, v in whole.items() if np.isfinite(v).any()}
-    labels = [run for run, part in parts.items() for _ in part["time"]] if len(columns) > 3 else None
-    named = {n: _with_unit(asked[n], units[n]) if units.get(n) else asked[n] for n in whole}
-    return Columns(whole, "", named, origin=origin, batch=labels, note=found.note)
+    frame = _numbered(pandas.concat(parts.values()).dropna(axis=1, how="all"))
+    labels = np.repeat(list(parts), [len(part) for part in parts.values()])
+    named = {n: _with_unit(asked[n], units[n]) if units.get(n) else asked[n] for n in frame if n != "time"}
+    batch = pandas.Series(labels, frame.index) if len(columns) > 3 else None
+    return frame, Notes("", named, table.notes, origin=origin, batch=batch)
+
+
+def _numbered(frame: pandas.DataFrame) -> pandas.DataFrame:
+    """Return a frame whose rows are samples from 1 on."""
+    return frame.set_axis(range(1, len(frame) + 1), axis=0)
 
 
 def _words(column: pandas.Series) -> list[str]:
@@ -355,7 +355,7 @@ def _bad(column: pandas.Series) -> Mask:
     return np.asarray(column.astype(str).str.contains(BAD_WORDS), dtype=bool)
 
 
-def joined(pairs: Mapping[str, tuple[FloatArray, FloatArray]], held: Collection[str]) -> dict[str, FloatArray]:
+def joined(pairs: Mapping[str, tuple[FloatArray, FloatArray]], held: Collection[str]) -> pandas.DataFrame:
     """Join signals with clocks of their own at all of their times, from the first at which every input is known."""
     import pandas
 
@@ -365,18 +365,15 @@ def joined(pairs: Mapping[str, tuple[FloatArray, FloatArray]], held: Collection[
     frame = pandas.DataFrame({n: s[~s.index.duplicated(keep="last")] for n, s in known.items()}).sort_index()
     inputs = [n for n in frame if n in held and len(known[n])]
     frame[inputs] = frame[inputs].ffill()
-    frame = frame.dropna(subset=inputs)
-    return {"time": frame.index.to_numpy(dtype=float)} | {n: frame[n].to_numpy() for n in frame}
+    return _numbered(frame.dropna(subset=inputs).rename_axis("time").reset_index())
 
 
-def without_repeats(columns: Mapping[str, FloatArray], held: Collection[str]) -> Mask:
-    """Mark the rows to keep where a time is there twice at an event, as simulators write it: the last, after the event.
+def without_repeats(frame: pandas.DataFrame, held: Collection[str]) -> pandas.DataFrame:
+    """Return rows without those where a time is there twice at an event, as simulators write it, but for the last.
 
     It is an event where an input jumps between the two rows, or where they are equal."""
-    repeated = np.flatnonzero(np.diff(columns["time"]) == 0.0)
-    steps = {name: np.diff(values)[repeated] for name, values in columns.items() if name != "time"}
-    moved = np.logical_or.reduce([np.zeros(repeated.size, dtype=bool), *(steps[name] != 0.0 for name in held)])
-    differs = np.logical_or.reduce([moved, *(np.abs(step) > 0.0 for step in steps.values())])
-    keep = np.ones(columns["time"].size, dtype=bool)
-    keep[repeated[moved | ~differs]] = False
-    return keep
+    steps = frame.diff().iloc[1:]
+    others = steps.drop(columns="time")
+    moved = (others[[n for n in held if n in others]] != 0.0).any(axis=1)
+    differs = moved | (others.abs() > 0.0).any(axis=1)
+    return frame[np.append(~((steps["time"] == 0.0) & (moved | ~differs)), True)]
