@@ -12,9 +12,8 @@ from aero_bayes.arrays import FloatArray
 from aero_bayes.data import Recording
 from simulated_rigs.designs import InputDesign, equal_steps, random_levels
 from simulated_rigs.kinds import AERO
-from simulated_rigs.rig import Values
 from simulated_rigs.sensors import SensorNoise, readings, white
-from simulated_rigs.signals import PiecewiseSignal, held_command
+from simulated_rigs.signals import Signal, held_command
 from simulated_rigs.truth import LawPlace, LawTruth, assembled
 
 UNITS = {"time": "s", "V_m": "V", "i_m": "A", "omega_m": "rad/s", "theta": "rad"}
@@ -46,16 +45,12 @@ class Truth:
         Each voltage holds to the next sample and is applied ``input_delay`` s late.
         """
         rig = assembled(AERO, self.parameters, self.laws)
-        angle = rig.add_state()
+        rig.add({"w": rig.state("w"), "angle": rig.add_state()}, {}, angle="w")
 
-        def turn(t: float, x: Values, u: Values, e: list[float]) -> None:
-            e[angle] += x[1]
-
-        def late(time: FloatArray, values: FloatArray) -> PiecewiseSignal:
+        def late(time: FloatArray, values: FloatArray) -> Signal:
             """Apply nothing until the first voltage arrives."""
             return held_command(np.append(time[0], time + self.input_delay), np.append(0.0, values))
 
-        rig.terms.append(turn)
         if self.input_delay > 0.0:
             rig.actuators["V_m"] = late
         return rig.run(time, volts[:, None], (0.0, 0.0, 0.0, 0.0))

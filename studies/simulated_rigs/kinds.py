@@ -6,9 +6,7 @@ free parameters (a second damper beside a damper, a gain where every parameter i
 
 from __future__ import annotations
 
-from math import sin, sqrt
-
-from simulated_rigs.rig import Balance, Coupling, Drive, Parameters, Plant, RigKind, Values
+from simulated_rigs.rig import Balance, Coupling, Drive, RigKind
 
 #: Laws of dry friction, which any sliding or turning part may have.
 FRICTION = "coulomb_friction friction_by_direction stribeck_friction presliding_friction"
@@ -19,24 +17,17 @@ ACTUATOR = f"dead_zone {ONE_WAY}"
 AMBIENT = 293.15
 
 
-def _pendulum(p: Parameters) -> Plant:
-    inertia, damping, gravity = p["J"], p["D"], p["G"]
-
-    def efforts(x: Values, u: Values) -> list[float]:
-        return [x[1], u[0] - damping * x[1] - gravity * sin(x[0])]
-
-    return Plant((1.0, inertia), efforts, (0,))
-
-
 PENDULUM = RigKind(
     "pendulum",
     {"J": 0.05, "D": 0.06, "G": 1.2},
     {"tau": Drive(0.0, 0.6, 1.6, "N.m")},
-    {"phi": Balance("rate", 0.3, 0.05), "omega": Balance("motion", 1.5, position="phi")},
-    {"angle": "rad"},
+    {
+        "phi": Balance("rate", "omega", 0.3, 0.05),
+        "omega": Balance("motion", "tau - D*omega - G*sin(phi)", 1.5, inertia="J", position="phi"),
+    },
+    {"angle": ("phi", "rad")},
     0.01,
     6001,
-    _pendulum,
     {
         "in:tau": f"{ACTUATOR} offset",
         "omega": f"{FRICTION} quadratic_drag offset linear_stiffness cubic_stiffness end_stop",
@@ -46,24 +37,19 @@ PENDULUM = RigKind(
 )
 
 
-def _cart(p: Parameters) -> Plant:
-    mass, stiffness, damping = p["mass.m"], p["spring.k"], p["damper.d"]
-
-    def efforts(x: Values, u: Values) -> list[float]:
-        return [x[1], u[0] - stiffness * x[0] - damping * x[1]]
-
-    return Plant((1.0, mass), efforts, (0,))
-
-
 CART = RigKind(
     "cart",
     {"mass.m": 1.5, "spring.k": 60.0, "damper.d": 2.0},
     {"F": Drive(0.0, 10.0, 1.0, "N")},
-    {"spring.s": Balance("rate", 0.1, 0.01), "mass.v": Balance("motion", 0.35, position="spring.s")},
-    {"position": "m"},
+    {
+        "spring.s": Balance("rate", "mass.v", 0.1, 0.01),
+        "mass.v": Balance(
+            "motion", "F - spring.k*spring.s - damper.d*mass.v", 0.35, inertia="mass.m", position="spring.s"
+        ),
+    },
+    {"position": ("spring.s", "m")},
     0.01,
     6001,
-    _cart,
     {
         "in:F": f"{ACTUATOR} gain offset",
         "mass.v": f"{FRICTION} quadratic_drag offset cubic_stiffness end_stop",
@@ -73,31 +59,19 @@ CART = RigKind(
 )
 
 
-def _shaft(p: Parameters) -> Plant:
-    j1, j2 = p["motor.J"], p["load.J"]
-    k, c, d = p["shaft.c"], p["shaft.d"], p["bearing.d"]
-
-    def efforts(x: Values, u: Values) -> list[float]:
-        slip = x[0] - x[1]
-        torque = k * x[2] + c * slip
-        return [u[0] - torque, torque - d * x[1], slip]
-
-    return Plant((j1, j2, 1.0), efforts, (0, 1))
-
-
+TORQUE = "shaft.c*shaft.phi + shaft.d*(motor.w - load.w)"
 SHAFT = RigKind(
     "shaft",
     {"motor.J": 0.02, "load.J": 0.05, "shaft.c": 4.0, "shaft.d": 0.02, "bearing.d": 0.04},
     {"tau": Drive(0.0, 1.5, 1.0, "N.m")},
     {
-        "motor.w": Balance("motion", 10.0, 0.2),
-        "load.w": Balance("motion", 10.0, 0.2),
-        "shaft.phi": Balance("rate", 0.2),
+        "motor.w": Balance("motion", f"tau - ({TORQUE})", 10.0, 0.2, inertia="motor.J"),
+        "load.w": Balance("motion", f"{TORQUE} - bearing.d*load.w", 10.0, 0.2, inertia="load.J"),
+        "shaft.phi": Balance("rate", "motor.w - load.w", 0.2),
     },
-    {"w_motor": "rad/s", "w_load": "rad/s"},
+    {"w_motor": ("motor.w", "rad/s"), "w_load": ("load.w", "rad/s")},
     0.01,
     6001,
-    _shaft,
     {
         "in:tau": f"{ACTUATOR} offset",
         "motor.w": f"{FRICTION} viscous_friction quadratic_drag offset",
@@ -110,24 +84,17 @@ SHAFT = RigKind(
 )
 
 
-def _oscillator(p: Parameters) -> Plant:
-    m, d, k = p["m"], p["d"], p["k"]
-
-    def efforts(x: Values, u: Values) -> list[float]:
-        return [x[1], u[0] - d * x[1] - k * x[0]]
-
-    return Plant((1.0, m), efforts, (0,))
-
-
 OSCILLATOR = RigKind(
     "oscillator",
     {"m": 1.0e-3, "d": 0.015, "k": 1.5},
     {"u": Drive(0.0, 0.6, 0.2)},
-    {"x": Balance("rate", 0.2, 0.01), "v": Balance("motion", 5.0, position="x")},
-    {"y": ""},
+    {
+        "x": Balance("rate", "v", 0.2, 0.01),
+        "v": Balance("motion", "u - d*v - k*x", 5.0, inertia="m", position="x"),
+    },
+    {"y": ("x", "")},
     2e-3,
     6001,
-    _oscillator,
     {
         "in:u": f"{ACTUATOR} offset",
         "v": f"{FRICTION} quadratic_drag offset cubic_stiffness end_stop",
@@ -136,30 +103,20 @@ OSCILLATOR = RigKind(
 )
 
 
-def _carriages(p: Parameters) -> Plant:
-    k1, k2, d1, d2 = p["k1"], p["k2"], p["d1"], p["d2"]
-
-    def efforts(x: Values, u: Values) -> list[float]:
-        pull = k2 * (x[2] - x[0]) + d2 * (x[3] - x[1])
-        return [x[1], u[0] - k1 * x[0] - d1 * x[1] + pull, x[3], u[1] - pull]
-
-    return Plant((1.0, p["m1"], 1.0, p["m2"]), efforts, (0, 2))
-
-
+PULL = "k2*(s2 - s1) + d2*(v2 - v1)"
 CARRIAGES = RigKind(
     "carriages",
     {"m1": 2.0, "m2": 1.0, "k1": 80.0, "k2": 50.0, "d1": 3.0, "d2": 0.8},
     {"f1": Drive(0.0, 15.0, 1.0, "N"), "f2": Drive(0.0, 6.0, 1.7, "N")},
     {
-        "s1": Balance("rate", 0.14, 0.01),
-        "v1": Balance("motion", 0.5, position="s1"),
-        "s2": Balance("rate", 0.18, 0.01),
-        "v2": Balance("motion", 0.7, position="s2"),
+        "s1": Balance("rate", "v1", 0.14, 0.01),
+        "v1": Balance("motion", f"f1 - k1*s1 - d1*v1 + ({PULL})", 0.5, inertia="m1", position="s1"),
+        "s2": Balance("rate", "v2", 0.18, 0.01),
+        "v2": Balance("motion", f"f2 - ({PULL})", 0.7, inertia="m2", position="s2"),
     },
-    {"x1": "m", "x2": "m"},
+    {"x1": ("s1", "m"), "x2": ("s2", "m")},
     0.01,
     6001,
-    _carriages,
     {
         "in:f1": f"{ACTUATOR} gain offset",
         "in:f2": f"{ACTUATOR} gain offset",
@@ -171,24 +128,17 @@ CARRIAGES = RigKind(
 )
 
 
-def _motor(p: Parameters) -> Plant:
-    r, k, d = p["R"], p["k_m"], p["d"]
-
-    def efforts(x: Values, u: Values) -> list[float]:
-        return [u[0] - r * x[0] - k * x[1], k * x[0] - d * x[1]]
-
-    return Plant((p["L"], p["J"]), efforts, (0, 1))
-
-
 MOTOR = RigKind(
     "motor",
     {"R": 2.0, "L": 0.02, "k_m": 0.08, "J": 2.0e-4, "d": 2.0e-4},
     {"V": Drive(0.0, 12.0, 0.1, "V")},
-    {"i": Balance("electrical", 2.5), "w": Balance("motion", 50.0, 2.0)},
-    {"current": "A", "speed": "rad/s"},
+    {
+        "i": Balance("electrical", "V - R*i - k_m*w", 2.5, inertia="L"),
+        "w": Balance("motion", "k_m*i - d*w", 50.0, 2.0, inertia="J"),
+    },
+    {"current": ("i", "A"), "speed": ("w", "rad/s")},
     1e-3,
     6001,
-    _motor,
     {
         "in:V": f"{ACTUATOR} offset",
         "i": "contact_drop heating",
@@ -199,24 +149,17 @@ MOTOR = RigKind(
 )
 
 
-def _circuit(p: Parameters) -> Plant:
-    conductance = 1.0 / p["load.R"]
-
-    def efforts(x: Values, u: Values) -> list[float]:
-        return [u[0] - x[1], x[0] - conductance * x[1]]
-
-    return Plant((p["coil.L"], p["capacitor.C"]), efforts, (1, 0))
-
-
 CIRCUIT = RigKind(
     "circuit",
     {"coil.L": 0.1, "capacitor.C": 1.0e-3, "load.R": 20.0},
     {"u": Drive(0.0, 10.0, 0.15, "V")},
-    {"coil.i": Balance("electrical", 0.4), "capacitor.v": Balance("storage", 6.0, 0.3)},
-    {"v_out": "V", "i_in": "A"},
+    {
+        "coil.i": Balance("electrical", "u - capacitor.v", 0.4, inertia="coil.L"),
+        "capacitor.v": Balance("storage", "coil.i - 1.0/load.R*capacitor.v", 6.0, 0.3, inertia="capacitor.C"),
+    },
+    {"v_out": ("capacitor.v", "V"), "i_in": ("coil.i", "A")},
     1e-3,
     6001,
-    _circuit,
     {
         "in:u": f"{ACTUATOR} gain offset",
         "coil.i": "series_resistance contact_drop heating",
@@ -227,49 +170,32 @@ CIRCUIT = RigKind(
 )
 
 
-def _tanks(p: Parameters) -> Plant:
-    k1, k2, k3, k4 = p["k1"], p["k2"], p["k3"], p["k4"]
-
-    def efforts(x: Values, u: Values) -> list[float]:
-        upper, lower = sqrt(max(x[0], 0.0)), sqrt(max(x[1], 0.0))
-        return [k3 * u[0] - k1 * upper, k2 * upper - k4 * lower]
-
-    return Plant((1.0, 1.0), efforts, (1,))
-
-
-def _tanks_rest(p: Parameters) -> list[float]:
-    upper = p["k3"] * 3.0 / p["k1"]
-    return [upper**2, (p["k2"] * upper / p["k4"]) ** 2]
-
-
 TANKS = RigKind(
     "tanks",
     {"k1": 0.05, "k2": 0.05, "k3": 0.03, "k4": 0.05},
     {"u": Drive(3.0, 1.8, 90.0)},
-    {"h1": Balance("storage", 1.3, 0.3, neighbour="h2"), "h2": Balance("storage", 1.1, 0.3, neighbour="h1")},
-    {"y": ""},
+    {
+        "h1": Balance("storage", "k3*u - k1*sqrt(max(h1, 0.0))", 1.3, 0.3, rest="(k3*3.0/k1)**2", neighbour="h2"),
+        "h2": Balance(
+            "storage",
+            "k2*sqrt(max(h1, 0.0)) - k4*sqrt(max(h2, 0.0))",
+            1.1,
+            0.3,
+            rest="(k2*(k3*3.0/k1)/k4)**2",
+            neighbour="h1",
+        ),
+    },
+    {"y": ("h2", "")},
     4.0,
     1501,
-    _tanks,
     {
         "in:u": f"{ONE_WAY} offset",
         "h1": "linear_loss square_loss overflow offset exchange",
         "h2": "linear_loss square_loss overflow offset",
         "out:y": "offset lag delay",
     },
-    resting=_tanks_rest,
     linear=False,
 )
-
-
-def _heat(p: Parameters) -> Plant:
-    between, loss = p["wall.G"], p["skin.G"]
-
-    def efforts(x: Values, u: Values) -> list[float]:
-        flow = between * (x[0] - x[1])
-        return [u[0] - flow, flow - loss * (x[1] - AMBIENT)]
-
-    return Plant((p["heater.C"], p["plate.C"]), efforts, (0, 1))
 
 
 HEAT = RigKind(
@@ -277,13 +203,30 @@ HEAT = RigKind(
     {"heater.C": 300.0, "plate.C": 900.0, "wall.G": 1.5, "skin.G": 0.8},
     {"P": Drive(60.0, 55.0, 400.0, "W")},
     {
-        "heater.T": Balance("storage", 20.0, 3.0, reference=AMBIENT, neighbour="plate.T"),
-        "plate.T": Balance("storage", 10.0, 3.0, reference=AMBIENT, neighbour="heater.T"),
+        "heater.T": Balance(
+            "storage",
+            "P - wall.G*(heater.T - plate.T)",
+            20.0,
+            3.0,
+            inertia="heater.C",
+            rest=f"{AMBIENT} + 60.0/skin.G + 60.0/wall.G",
+            reference=AMBIENT,
+            neighbour="plate.T",
+        ),
+        "plate.T": Balance(
+            "storage",
+            f"wall.G*(heater.T - plate.T) - skin.G*(plate.T - {AMBIENT})",
+            10.0,
+            3.0,
+            inertia="plate.C",
+            rest=f"{AMBIENT} + 60.0/skin.G",
+            reference=AMBIENT,
+            neighbour="heater.T",
+        ),
     },
-    {"T_heater": "K", "T_plate": "K"},
+    {"T_heater": ("heater.T", "K"), "T_plate": ("plate.T", "K")},
     5.0,
     2401,
-    _heat,
     {
         "in:P": f"{ONE_WAY} offset",
         "heater.T": "linear_loss square_loss offset radiation",
@@ -291,18 +234,7 @@ HEAT = RigKind(
         "out:T_heater": "offset lag delay",
         "out:T_plate": "offset lag delay",
     },
-    resting=lambda p: [AMBIENT + 60.0 / p["skin.G"] + 60.0 / p["wall.G"], AMBIENT + 60.0 / p["skin.G"]],
 )
-
-
-def _reservoirs(p: Parameters) -> Plant:
-    pipe, outlet = p["pipe.c"], p["outlet.c"]
-
-    def efforts(x: Values, u: Values) -> list[float]:
-        flow = pipe * (x[0] - x[1])
-        return [u[0] - flow, flow - outlet * x[1]]
-
-    return Plant((p["first.A"], p["second.A"]), efforts, (0, 1))
 
 
 RESERVOIRS = RigKind(
@@ -310,13 +242,28 @@ RESERVOIRS = RigKind(
     {"first.A": 0.02, "second.A": 0.04, "pipe.c": 4.0e-4, "outlet.c": 3.0e-4},
     {"q": Drive(1.5e-4, 1.2e-4, 150.0, "m3/s")},
     {
-        "first.h": Balance("storage", 0.2, 0.03, neighbour="second.h"),
-        "second.h": Balance("storage", 0.1, 0.03, neighbour="first.h"),
+        "first.h": Balance(
+            "storage",
+            "q - pipe.c*(first.h - second.h)",
+            0.2,
+            0.03,
+            inertia="first.A",
+            rest="1.5e-4/outlet.c + 1.5e-4/pipe.c",
+            neighbour="second.h",
+        ),
+        "second.h": Balance(
+            "storage",
+            "pipe.c*(first.h - second.h) - outlet.c*second.h",
+            0.1,
+            0.03,
+            inertia="second.A",
+            rest="1.5e-4/outlet.c",
+            neighbour="first.h",
+        ),
     },
-    {"level_1": "m", "level_2": "m"},
+    {"level_1": ("first.h", "m"), "level_2": ("second.h", "m")},
     1.0,
     4001,
-    _reservoirs,
     {
         "in:q": f"{ONE_WAY} offset",
         "first.h": "linear_loss root_loss square_loss overflow offset",
@@ -324,28 +271,12 @@ RESERVOIRS = RigKind(
         "out:level_1": "gain offset lag delay",
         "out:level_2": "gain offset lag delay",
     },
-    resting=lambda p: [1.5e-4 / p["outlet.c"] + 1.5e-4 / p["pipe.c"], 1.5e-4 / p["outlet.c"]],
 )
-
-
-def _aero(p: Parameters) -> Plant:
-    """Write the driven motor; the second one is its mirror image, of opposite sign on the opposite arm.
-
-    ``motors`` says how many there are; two where it is not given.
-    """
-    r, c, k_d, damping, stiffness = p["R_a"], p["c_m"], p["k_d"], p["D_p"], p["K_sp"]
-    gain = p.get("motors", 2.0) * p["D_t"] * p["k_t"]
-
-    def efforts(x: Values, u: Values) -> list[float]:
-        i, w, theta, q = x[0], x[1], x[2], x[3]
-        square = w * abs(w)
-        return [u[0] - r * i - c * w, c * i - k_d * square, q, gain * square - damping * q - stiffness * theta]
-
-    return Plant((p["L_a"], p["J_r"] + p["J_s"], 1.0, p["J_p"]), efforts, (0, 1, 2))
 
 
 #: Parameters are named as in the paper and those of the AERO's documents. ``k_t`` is what the documented thrust gain of
 #: 0.0011 N m/V asks of two propellers with a quadratic law at 24 V, ``k_d`` what 0.08 A at 376 rad/s asks of the motor.
+#: The second motor is the mirror image of the first, of opposite sign on the opposite arm; ``motors`` is their number.
 AERO = RigKind(
     "aero",
     {
@@ -363,15 +294,14 @@ AERO = RigKind(
     },
     {"V_m": Drive(0.0, 20.0, 1.0, "V")},
     {
-        "i": Balance("electrical", 0.5),
-        "w": Balance("motion", 200.0),
-        "theta": Balance("rate", 0.2),
-        "q": Balance("motion", 0.2, position="theta"),
+        "i": Balance("electrical", "V_m - R_a*i - c_m*w", 0.5, inertia="L_a"),
+        "w": Balance("motion", "c_m*i - k_d*(w*abs(w))", 200.0, inertia="J_r + J_s"),
+        "theta": Balance("rate", "q", 0.2),
+        "q": Balance("motion", "motors*D_t*k_t*(w*abs(w)) - D_p*q - K_sp*theta", 0.2, inertia="J_p", position="theta"),
     },
-    {"i_m": "A", "omega_m": "rad/s", "pitch": "rad"},
+    {"i_m": ("i", "A"), "omega_m": ("w", "rad/s"), "pitch": ("theta", "rad")},
     0.01,
     6001,
-    _aero,
     {
         "in:V_m": f"{ACTUATOR} offset",
         "i": "contact_drop heating",
@@ -382,6 +312,7 @@ AERO = RigKind(
         "out:pitch": "offset lag delay",
     },
     known=("L_a", "J_s", "J_p", "D_t"),
+    constants={"motors": 2.0},
     linear=False,
     method="LSODA",
     hold=50,

@@ -10,21 +10,20 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from math import copysign, cos, exp, pi, sin, sqrt
+from math import exp, pi, sqrt
 
 import numpy as np
 from numpy.random import Generator
 
 from aero_bayes.arrays import FloatArray
-from simulated_rigs.rig import Assembly, DryFriction, Overflow, Parameters, Values
+from simulated_rigs.rig import Assembly, DryFriction, Overflow, Parameters
 from simulated_rigs.signals import (
-    PiecewiseSignal,
+    Signal,
     command_with_play,
     delayed_command,
     faded_command,
     held_command,
-    lagged_command,
-    rate_limited_command,
+    limited_rate,
 )
 
 
@@ -79,11 +78,24 @@ def _mapped(law: Callable[[FloatArray, Parameters], FloatArray]) -> Install:
     return install
 
 
-def _actuator(make: Callable[..., PiecewiseSignal], **names: str) -> Install:
+def _actuator(make: Callable[..., Signal], **names: str) -> Install:
     """Make a law of what ``make`` does to a command; ``names`` are the law's parameters that it takes."""
 
     def install(a: Assembly, name: str, p: Parameters) -> None:
         a.actuators[name] = partial(make, **{taken: p[own] for taken, own in names.items()})
+
+    return install
+
+
+def _followed(rate: str, command: Install | None = None) -> Install:
+    """Make a law whose input is a state that starts at the first command and changes at a rate of it."""
+
+    def install(a: Assembly, name: str, p: Parameters) -> None:
+        state, column = a.add_state(name), list(a.kind.inputs).index(name)
+        a.add({"x": state}, p, x=rate.replace("command", f"u[{column}]"))
+        a.acting[name] = f"x[{state}]"
+        if command is not None:
+            command(a, name, p)
 
     return install
 
@@ -106,15 +118,10 @@ def _read(law: Callable[[FloatArray, FloatArray, Parameters], FloatArray]) -> In
 
 def _lag_out(a: Assembly, name: str, p: Parameters) -> None:
     """Show a state that follows the true one, settled at its first value."""
-    column, constant = a.column(name), p["T"]
-    true = a.plant.shown[column]
+    column, true = a.column(name), a.plant.shown[a.column(name)]
     behind = a.add_state(true)
-
-    def add(t: float, x: Values, u: Values, e: list[float]) -> None:
-        e[behind] += (x[true] - x[behind]) / constant
-
-    if constant > 0.0:
-        a.terms.append(add)
+    if p["T"] > 0.0:
+        a.add({"x": true, "behind": behind}, p, behind="(x - behind)/T")
         a.readings.append(lambda t, y, x: np.copyto(y[:, column], x[:, behind]))
         a.method = "LSODA"  # a short lag is stiff
 
@@ -125,41 +132,31 @@ def _delay_out(a: Assembly, name: str, p: Parameters) -> None:
 
 def _resonance(a: Assembly, name: str, p: Parameters) -> None:
     """Add a weakly damped mode of the sensor's mount that its reading excites."""
-    column, w, damping = a.column(name), p["w_0"], p["zeta"]
-    shown = a.plant.shown[column]
-    position, speed = a.add_state(shown), a.add_state()
-
-    def add(t: float, x: Values, u: Values, e: list[float]) -> None:
-        e[position] += x[speed]
-        e[speed] += w * w * (x[shown] - x[position]) - 2.0 * damping * w * x[speed]
+    column, shown = a.column(name), a.plant.shown[a.column(name)]
+    places = {"x": shown, "place": a.add_state(shown), "speed": a.add_state()}
+    a.add(places, p, place="speed", speed="w_0*w_0*(x - place) - 2.0*zeta*w_0*speed")
 
     def reading(t: FloatArray, y: FloatArray, x: FloatArray) -> None:
-        y[:, column] += p["g"] * (x[:, position] - x[:, shown])
+        y[:, column] += p["g"] * (x[:, places["place"]] - x[:, shown])
 
-    a.terms.append(add)
     a.readings.append(reading)
 
 
-def _function(law: Callable[[float, Parameters], float], of_position: bool = False) -> Install:
-    """Make a law that adds a function of a state, or of the state whose derivative that is, to the state's balance."""
+def _efforts(**expressions: str) -> Install:
+    """Make a law of what it adds to the efforts of states.
+
+    ``x`` is the state at its place; ``position``, ``neighbour``, ``first`` and ``second`` are what that state has, and
+    other names are new states, which start at zero."""
 
     def install(a: Assembly, name: str, p: Parameters) -> None:
-        index, source = a.state(name), a.state((a.kind.states[name].position or "") if of_position else name)
-
-        def add(t: float, x: Values, u: Values, e: list[float]) -> None:
-            e[index] += law(x[source], p)
-
-        a.terms.append(add)
-
-    return install
-
-
-def _loss(law: Callable[[float], float]) -> Install:
-    """Make a loss of ``k`` times an odd function, given for what is positive, of the state above its reference."""
-
-    def install(a: Assembly, name: str, p: Parameters) -> None:
-        level = a.kind.states[name].reference
-        _function(lambda x, p: -p["k"] * copysign(law(abs(x - level)), x - level))(a, name, p)
+        balance, coupling = a.kind.states[name], a.kind.couplings.get(name)
+        beside = {"x": name, "position": balance.position, "neighbour": balance.neighbour}
+        values = {**p, "reference": balance.reference}
+        if coupling is not None:
+            beside |= {"first": coupling.first, "second": coupling.second}
+            values |= {n: a.parameters[getattr(coupling, n)] for n in ("stiffness", "damping")}
+        places = {own: a.state(state) for own, state in beside.items() if state}
+        a.add(places | {own: a.add_state() for own in expressions if own not in places}, values, **expressions)
 
     return install
 
@@ -174,88 +171,18 @@ def _friction(level: Callable[[int, float, Parameters], float]) -> Install:
     return install
 
 
-def _presliding(a: Assembly, name: str, p: Parameters) -> None:
-    """Add Dahl's model: a spring that yields at ``F_c``."""
-    index, level, force = a.state(name), p["F_c"], a.add_state()
-    stiffness = level / p["x_s"]
-
-    def add(t: float, x: Values, u: Values, e: list[float]) -> None:
-        v = x[index]
-        e[index] -= x[force]
-        e[force] += stiffness * (v - abs(v) * x[force] / level)
-
-    if level:
-        a.terms.append(add)
-
-
-def _backlash(a: Assembly, name: str, p: Parameters) -> None:
-    """Add play in series with an elastic coupling: no torque within it, the coupling's own beyond."""
-    coupling, half = a.kind.couplings[name], p["gap"] / 2.0
-    stretch, first, second = a.state(name), a.state(coupling.first), a.state(coupling.second)
-    k, c = a.parameters[coupling.stiffness], a.parameters[coupling.damping]
-
-    def add(t: float, x: Values, u: Values, e: list[float]) -> None:
-        inside = abs(x[stretch]) <= half
-        gone = k * x[stretch] + c * (x[first] - x[second]) if inside else k * copysign(half, x[stretch])
-        e[first] += gone
-        e[second] -= gone
-
-    a.terms.append(add)
-
-
 def _overflow(a: Assembly, name: str, p: Parameters) -> None:
     neighbour = a.kind.states[name].neighbour
     a.holds.append(Overflow(a.state(name), p["rim"], None if neighbour is None else a.state(neighbour), p["share"]))
 
 
-def _exchange(a: Assembly, name: str, p: Parameters) -> None:
-    index, other = a.state(name), a.state(a.kind.states[name].neighbour or "")
-
-    def add(t: float, x: Values, u: Values, e: list[float]) -> None:
-        flow = p["k"] * (x[other] - x[index])
-        e[index] += flow
-        e[other] -= flow
-
-    a.terms.append(add)
-
-
-def _radiation(a: Assembly, name: str, p: Parameters) -> None:
-    surroundings = a.kind.states[name].reference ** 4
-    _function(lambda x, p: -p["k"] * (x**4 - surroundings))(a, name, p)
-
-
-def _heating(a: Assembly, name: str, p: Parameters) -> None:
-    """Let a resistance grow with the heat its current has left."""
-    index, rate, rise = a.state(name), 1.0 / p["T_h"], a.add_state()
-
-    def add(t: float, x: Values, u: Values, e: list[float]) -> None:
-        i = x[index]
-        e[index] -= x[rise] * i
-        e[rise] += rate * (p["r_h"] * i * i - x[rise])
-
-    a.terms.append(add)
-
-
 def _cogging(a: Assembly, name: str, p: Parameters) -> None:
-    index = a.state(name)
-    position = a.kind.states[name].position
-    angle = a.state(position) if position else a.add_state()
-
-    def add(t: float, x: Values, u: Values, e: list[float]) -> None:
-        e[index] += p["a"] * sin(2.0 * pi * x[angle] / p["pitch"])
-        if position is None:
-            e[angle] += x[index]
-
-    a.terms.append(add)
+    turned = {} if a.kind.states[name].position else {"position": "x"}
+    _efforts(x="a*sin(2.0*pi*position/pitch)", **turned)(a, name, p)
 
 
-def _vibration(a: Assembly, name: str, p: Parameters) -> None:
-    index = a.state(name)
-
-    def add(t: float, x: Values, u: Values, e: list[float]) -> None:
-        e[index] += p["a"] * cos(2.0 * pi * t / p["T"] + p["phase"])
-
-    a.terms.append(add)
+#: What play takes away from an elastic coupling: no torque within it, the coupling's own beyond.
+_PLAY = "(stiffness*x + damping*(first - second) if abs(x) <= gap/2.0 else stiffness*copysign(gap/2.0, x))"
 
 
 def _directions(rng: Generator, size: float, s: Scale) -> dict[str, float]:
@@ -306,7 +233,7 @@ def _tone(rng: Generator, size: float, s: Scale) -> dict[str, float]:
     return {"a": size * s.effort, "T": s.time * rng.uniform(2.0, 8.0), "phase": rng.uniform(0.0, 2.0 * pi)}
 
 
-_OFFSET = LawKind(lambda g, z, s: {"b": z * s.effort * _sign(g)}, _function(lambda x, p: p["b"]))
+_OFFSET = LawKind(lambda g, z, s: {"b": z * s.effort * _sign(g)}, _efforts(x="b"))
 #: Where each law acts (``input``, ``output``, ``coupling`` or the family of a balance), its id, and the law.
 LAWS: dict[tuple[str, str], LawKind] = {
     ("input", "gain"): LawKind(lambda g, z, s: {"g": z * _sign(g)}, _mapped(lambda u, p: (1.0 + p["g"]) * u), 0.6),
@@ -322,7 +249,9 @@ LAWS: dict[tuple[str, str], LawKind] = {
         0.7,
     ),
     ("input", "rate_limit"): LawKind(
-        lambda g, z, s: {"r_max": s.spread / (z * s.time)}, _actuator(rate_limited_command, fastest="r_max"), 30.0
+        lambda g, z, s: {"r_max": s.spread / (z * s.time)},
+        _followed("command", _actuator(limited_rate, fastest="r_max")),
+        30.0,
     ),
     # The command itself and its square, which are equal at u_n, mixed.
     ("input", "square_law"): LawKind(
@@ -330,7 +259,7 @@ LAWS: dict[tuple[str, str], LawKind] = {
         _mapped(lambda u, p: u + p["a"] * (u * np.abs(u) / p["u_n"] - u)),
         1.5,
     ),
-    ("input", "lag"): LawKind(lambda g, z, s: {"T": z * s.time}, _actuator(lagged_command, constant="T"), 20.0),
+    ("input", "lag"): LawKind(lambda g, z, s: {"T": z * s.time}, _followed("(command - x)/T"), 20.0),
     ("input", "delay"): LawKind(lambda g, z, s: {"T": z * s.time}, _actuator(delayed_command, delay="T"), 10.0),
     ("input", "hysteresis"): LawKind(
         lambda g, z, s: {"share": z, "w": s.spread * float(g.uniform(0.2, 0.8))},
@@ -350,38 +279,52 @@ LAWS: dict[tuple[str, str], LawKind] = {
     ("motion", "stribeck_friction"): LawKind(
         _stribeck, _friction(lambda d, v, p: p["F_c"] + (p["F_s"] - p["F_c"]) * exp(-((v / p["v_s"]) ** 2)))
     ),
-    ("motion", "presliding_friction"): LawKind(_dahl, _presliding),
-    ("motion", "viscous_friction"): LawKind(
-        lambda g, z, s: {"d": z * s.effort / s.spread}, _function(lambda v, p: -p["d"] * v)
+    ("motion", "presliding_friction"): LawKind(
+        _dahl,
+        # Dahl's model: a spring that yields at F_c.
+        _efforts(x="-force", force="(F_c*x - abs(x)*force)/x_s"),
     ),
-    ("motion", "quadratic_drag"): LawKind(
-        lambda g, z, s: {"c": z * s.effort / s.spread**2}, _function(lambda v, p: -p["c"] * v * abs(v))
-    ),
+    ("motion", "viscous_friction"): LawKind(lambda g, z, s: {"d": z * s.effort / s.spread}, _efforts(x="-d*x")),
+    ("motion", "quadratic_drag"): LawKind(lambda g, z, s: {"c": z * s.effort / s.spread**2}, _efforts(x="-c*x*abs(x)")),
     ("motion", "offset"): _OFFSET,
     ("motion", "linear_stiffness"): LawKind(
-        lambda g, z, s: {"k": z * s.effort / s.position}, _function(lambda x, p: -p["k"] * x, True)
+        lambda g, z, s: {"k": z * s.effort / s.position}, _efforts(x="-k*position")
     ),
     ("motion", "cubic_stiffness"): LawKind(
-        lambda g, z, s: {"k_3": z * s.effort / s.position**3}, _function(lambda x, p: -p["k_3"] * x**3, True)
+        lambda g, z, s: {"k_3": z * s.effort / s.position**3}, _efforts(x="-k_3*position**3")
     ),
-    ("motion", "end_stop"): LawKind(
-        _stop, _function(lambda x, p: -p["k_s"] * (x - min(max(x, -p["x_s"]), p["x_s"])), True), 0.7
+    ("motion", "end_stop"): LawKind(_stop, _efforts(x="-k_s*(position - min(max(position, -x_s), x_s))"), 0.7),
+    ("coupling", "backlash"): LawKind(
+        lambda g, z, s: {"gap": z * s.spread}, _efforts(first=_PLAY, second=f"-{_PLAY}"), 3.0
     ),
-    ("coupling", "backlash"): LawKind(lambda g, z, s: {"gap": z * s.spread}, _backlash, 3.0),
-    ("storage", "linear_loss"): LawKind(lambda g, z, s: {"k": z * s.effort / s.spread}, _loss(lambda x: x)),
-    ("storage", "root_loss"): LawKind(lambda g, z, s: {"k": z * s.effort / sqrt(s.spread)}, _loss(sqrt)),
-    ("storage", "square_loss"): LawKind(lambda g, z, s: {"k": z * s.effort / s.spread**2}, _loss(lambda x: x * x)),
+    ("storage", "linear_loss"): LawKind(
+        lambda g, z, s: {"k": z * s.effort / s.spread}, _efforts(x="-k*(x - reference)")
+    ),
+    ("storage", "root_loss"): LawKind(
+        lambda g, z, s: {"k": z * s.effort / sqrt(s.spread)},
+        _efforts(x="-k*copysign(sqrt(abs(x - reference)), x - reference)"),
+    ),
+    ("storage", "square_loss"): LawKind(
+        lambda g, z, s: {"k": z * s.effort / s.spread**2}, _efforts(x="-k*(x - reference)*abs(x - reference)")
+    ),
     ("storage", "overflow"): LawKind(_rim, _overflow, 0.6),
     ("storage", "offset"): _OFFSET,
-    ("storage", "exchange"): LawKind(lambda g, z, s: {"k": z * s.effort / s.difference}, _exchange),
-    ("storage", "radiation"): LawKind(lambda g, z, s: {"k": z * s.effort / (4.0 * s.mean**3 * s.spread)}, _radiation),
-    ("electrical", "series_resistance"): LawKind(
-        lambda g, z, s: {"R": z * s.effort / s.spread}, _function(lambda i, p: -p["R"] * i)
+    ("storage", "exchange"): LawKind(
+        lambda g, z, s: {"k": z * s.effort / s.difference},
+        _efforts(x="k*(neighbour - x)", neighbour="-k*(neighbour - x)"),
     ),
+    ("storage", "radiation"): LawKind(
+        lambda g, z, s: {"k": z * s.effort / (4.0 * s.mean**3 * s.spread)}, _efforts(x="-k*(x**4 - reference**4)")
+    ),
+    ("electrical", "series_resistance"): LawKind(lambda g, z, s: {"R": z * s.effort / s.spread}, _efforts(x="-R*x")),
     ("electrical", "contact_drop"): LawKind(lambda g, z, s: {"V_c": z * s.effort}, _friction(lambda d, i, p: p["V_c"])),
-    ("electrical", "heating"): LawKind(_rise, _heating),
+    ("electrical", "heating"): LawKind(
+        _rise,
+        # A resistance grows with the heat that its current has left.
+        _efforts(x="-warmer*x", warmer="(r_h*x*x - warmer)/T_h"),
+    ),
 }
-_VIBRATION = LawKind(_tone, _vibration)
+_VIBRATION = LawKind(_tone, _efforts(x="a*cos(2.0*pi*t/T + phase)"))
 OUTSIDE: dict[tuple[str, str], LawKind] = {
     ("input", "drifting_gain"): LawKind(_slow_gain, _drifting_gain, 0.6),
     # An actuator loses force as it grows hot from what it did before.

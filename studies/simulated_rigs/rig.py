@@ -8,11 +8,12 @@ event to event.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
-from itertools import pairwise
-from math import inf
+from itertools import pairwise, zip_longest
+from math import copysign, cos, inf, pi, sin, sqrt
 from typing import Any, Literal
 
 import numpy as np
@@ -21,13 +22,13 @@ from scipy.linalg import expm
 from scipy.signal import lfilter
 
 from aero_bayes.arrays import FloatArray
-from simulated_rigs.signals import PiecewiseSignal, held_command
+from simulated_rigs.signals import Signal, held_command
 
 Values = Sequence[float]
 Parameters = Mapping[str, float]
-#: (t, states, inputs, efforts): adds to the efforts in place.
-Term = Callable[[float, Values, Values, list[float]], None]
-Actuator = Callable[[FloatArray, FloatArray], PiecewiseSignal]
+#: (t, states, inputs) -> a rate each.
+Rates = Callable[[float, Values, Values], list[float]]
+Actuator = Callable[[FloatArray, FloatArray], Signal]
 #: Longest step in samples, with laws that hold a state (a short visit to the other side is no event) and without.
 LONGEST_WITH_EVENTS, LONGEST = 1.0, 10.0
 #: Absolute value of a state above which the rig counts as unstable.
@@ -36,27 +37,52 @@ MAX_STATE = 1e9
 MAX_EVENTS = 100_000
 
 
+#: Names in expressions, and functions that they may use.
+NAME = re.compile(r"(?<![\w.])[A-Za-z_]\w*(?:\.[A-Za-z_]\w*)?")
+FUNCTIONS = {"abs": abs, "max": max, "min": min} | {f.__name__: f for f in (cos, copysign, sin, sqrt)} | {"pi": pi}
+
+
+def with_values(expression: str, places: Mapping[str, str], values: Parameters) -> str:
+    """Put into an expression where names stand (``x[0]``), and the values of parameters."""
+
+    def put(found: re.Match[str]) -> str:
+        name = found[0]
+        return places.get(name) or (f"({float(values[name])!r})" if name in values else name)
+
+    return NAME.sub(put, expression)
+
+
+def compiled(expressions: Sequence[str]) -> Rates:
+    """Compile expressions of the time ``t``, the states ``x`` and the inputs ``u``."""
+    rates: Rates = eval(f"lambda t, x, u: [{', '.join(expressions)}]", FUNCTIONS)
+    return rates
+
+
 @dataclass(frozen=True)
 class Plant:
-    """The equations of one rig: c_i, (states, inputs) -> e_i, and the states that are measured."""
+    """The equations of one rig: c_i, (time, states, inputs) -> e_i, and the states that are measured."""
 
     capacity: tuple[float, ...]
-    efforts: Callable[[Values, Values], list[float]]
+    efforts: Rates
     shown: tuple[int, ...]
 
 
 @dataclass(frozen=True)
 class Balance:
-    """A state as laws see it: what is balanced (forces, flows, voltages; a rate only follows another state).
+    """A state: what is balanced (forces, flows, voltages; a rate only follows another state), and its sum.
 
-    ``size`` is how large it usually gets, ``shake`` the standard deviation of where a recording starts, about rest.
-    ``position`` is the state whose derivative this one is, ``reference`` the level at which losses vanish, and
-    ``neighbour`` the storage that takes what spills, or exchanges with this one.
+    ``efforts``, ``inertia`` and ``rest``, the state at rest under the drives' centres, are expressions. ``size`` is how
+    large it usually gets, ``shake`` the standard deviation of where a recording starts, about rest. ``position`` is the
+    state whose derivative this one is, ``reference`` the level at which losses vanish, and ``neighbour`` the storage
+    that takes what spills, or exchanges with this one.
     """
 
     family: Literal["motion", "storage", "electrical", "rate"]
+    efforts: str
     size: float
     shake: float = 0.0
+    inertia: str = "1.0"
+    rest: str = "0.0"
     position: str | None = None
     reference: float = 0.0
     neighbour: str | None = None
@@ -87,25 +113,23 @@ class RigKind:
     """One kind of rig.
 
     ``name`` is also the folder of its model, ``parameters`` are the values in the Modelica file, from which the fit
-    starts; ``known`` are right there, all others are free. ``outputs`` have their units (none where the model declares
-    none), ``step`` is the sample interval in s, ``rows`` the number of samples. ``plant`` makes of parameters the
-    equations. ``laws`` has per place the laws that may be missing there, in one string; inputs as ``in:NAME``, outputs
-    as ``out:NAME``. ``resting`` makes of parameters the states at rest under the drives' centres, where they are not
-    zero. ``linear`` says whether the equations without laws are, ``method`` is SciPy's for the others. A command holds
-    for ``hold`` samples.
+    starts; ``known`` are right there, all others are free, and ``constants`` are none of the model. ``outputs`` show a
+    state each, in a unit (none where the model declares none); ``step`` is the sample interval in s, ``rows`` the
+    number of samples. ``laws`` has per place the laws that may be missing there, in one string; inputs as ``in:NAME``,
+    outputs as ``out:NAME``. ``linear`` says whether the equations without laws are, ``method`` is SciPy's for the
+    others. A command holds for ``hold`` samples.
     """
 
     name: str
     parameters: Parameters
     inputs: Mapping[str, Drive]
     states: Mapping[str, Balance]
-    outputs: Mapping[str, str]
+    outputs: Mapping[str, tuple[str, str]]
     step: float
     rows: int
-    plant: Callable[[Parameters], Plant]
     laws: Mapping[str, str]
     known: tuple[str, ...] = ()
-    resting: Callable[[Parameters], list[float]] | None = None
+    constants: Parameters = field(default_factory=dict)
     couplings: Mapping[str, Coupling] = field(default_factory=dict)
     linear: bool = True
     method: str = "DOP853"
@@ -114,7 +138,8 @@ class RigKind:
     @property
     def units(self) -> dict[str, str]:
         """Units of time, inputs and outputs."""
-        return {"time": "s", **{name: drive.unit for name, drive in self.inputs.items()}, **self.outputs}
+        drives = {name: drive.unit for name, drive in self.inputs.items()}
+        return {"time": "s", **drives, **{name: unit for name, (_, unit) in self.outputs.items()}}
 
     @property
     def free(self) -> tuple[str, ...]:
@@ -123,7 +148,21 @@ class RigKind:
 
     def rest(self, parameters: Parameters) -> list[float]:
         """Return the states at rest under the drives' centres."""
-        return self.resting(parameters) if self.resting else [0.0] * len(self.states)
+        return compiled([with_values(b.rest, {}, parameters) for b in self.states.values()])(0.0, [], [])
+
+    def plant(
+        self, parameters: Parameters, acting: Mapping[str, str] | None = None, added: Sequence[str] = ()
+    ) -> Plant:
+        """Return the equations, in which some inputs are what is ``acting``, and something is ``added`` to efforts."""
+        states, balances, values = list(self.states), self.states.values(), {**self.constants, **parameters}
+        places = {name: f"x[{k}]" for k, name in enumerate(states)}
+        places |= {name: f"u[{k}]" for k, name in enumerate(self.inputs)} | dict(acting or {})
+        further = ["1.0"] * (len(added) - len(states))
+        inertia = compiled([with_values(b.inertia, {}, values) for b in balances] + further)(0.0, [], [])
+        efforts = [f"({with_values(b.efforts, places, values)})" for b in balances] + ["0.0"] * len(further)
+        sums = map("".join, zip_longest(efforts, added, fillvalue=""))
+        shown = tuple(states.index(name) for name, _ in self.outputs.values())
+        return Plant(tuple(inertia), compiled(list(sums)), shown)
 
 
 class DryFriction:
@@ -194,21 +233,23 @@ HoldingLaw = DryFriction | Overflow
 class Assembly:
     """One rig, to which laws add themselves.
 
-    Laws that hold a state come after all terms. ``forces`` follow the inputs in u. ``actuators`` make of a command what
-    is applied, ``delays`` (s) are those of outputs, ``readings`` change the outputs in place (time, outputs, all
-    states). ``extra`` has, for each state that laws bring, the state whose initial value it shares, or None for zero.
+    Laws that hold a state come after what is ``added`` to the efforts of each. ``forces`` follow the inputs in u.
+    ``actuators`` make of a command what is applied, ``acting`` has inputs that a state stands for; ``delays`` (s) are
+    those of outputs, ``readings`` change the outputs in place (time, outputs, all states). ``extra`` has, for each
+    state that laws bring, the state or the input whose initial value it shares, or None for zero.
     """
 
     def __init__(self, kind: RigKind, parameters: Parameters) -> None:
         self.kind, self.parameters, self.plant = kind, parameters, kind.plant(parameters)
         self.method = kind.method
-        self.terms: list[Term] = []
+        self.added = [""] * len(kind.states)
         self.holds: list[HoldingLaw] = []
         self.forces: list[FloatArray] = []
         self.actuators: dict[str, Actuator] = {}
+        self.acting: dict[str, str] = {}
         self.readings: list[Callable[[FloatArray, FloatArray, FloatArray], object]] = []
         self.delays: dict[str, float] = {}
-        self.extra: list[int | None] = []
+        self.extra: list[int | str | None] = []
 
     def state(self, name: str) -> int:
         """Return the index of a state."""
@@ -218,20 +259,22 @@ class Assembly:
         """Return the index of an output."""
         return list(self.kind.outputs).index(name)
 
-    def add_state(self, like: int | None = None) -> int:
-        """Add a state that starts at zero, or where the state ``like`` starts, and return its index."""
+    def add_state(self, like: int | str | None = None) -> int:
+        """Add a state that starts at zero, or where the state or input ``like`` starts, and return its index."""
         self.extra.append(like)
-        return len(self.kind.states) + len(self.extra) - 1
+        self.added.append("")
+        return len(self.added) - 1
 
     def push(self, name: str, values: FloatArray) -> None:
         """Add a force to a balance, shape (n,), that holds each of its values to the next sample."""
-        index, column = self.state(name), len(self.kind.inputs) + len(self.forces)
-
-        def add(t: float, x: Values, u: Values, e: list[float]) -> None:
-            e[index] += u[column]
-
+        self.add({"x": self.state(name)}, {}, x=f"u[{len(self.kind.inputs) + len(self.forces)}]")
         self.forces.append(values)
-        self.terms.append(add)
+
+    def add(self, places: Mapping[str, int], values: Parameters, **expressions: str) -> None:
+        """Add expressions to the efforts of states; ``places`` says which state a name is."""
+        states = {name: f"x[{k}]" for name, k in places.items()}
+        for name, expression in expressions.items():
+            self.added[places[name]] += f" + ({with_values(expression, states, values)})"
 
     def run(
         self, time: FloatArray, commands: FloatArray, start: Sequence[float], relative: float = 1e-9
@@ -245,8 +288,9 @@ class Assembly:
         signals += [held_command(time, values) for values in self.forces]
         late = {name: np.maximum(time - delay, time[0]) for name, delay in self.delays.items()}
         apart = 1e-9 * (time[1] - time[0])
-        grid = _union([time, *late.values(), *(signal.breaks for signal in signals)], time, apart)
-        begin = [*start, *(0.0 if like is None else start[like] for like in self.extra)]
+        grid = _union([time, *late.values(), *(breaks for breaks, _ in signals)], time, apart)
+        first = [*start, *commands[0].tolist(), 0.0]
+        begin = [*start, *(first[k] for k in self._alike())]
         found = _Integration(self, signals, self._solver(time, relative)).run(grid, begin)
         at = np.searchsorted(grid, time - apart)
         outputs = found[np.ix_(at, self.plant.shown)]
@@ -257,13 +301,19 @@ class Assembly:
             reading(time, outputs, found[at])
         return outputs, found[at]
 
+    def _alike(self) -> list[int]:
+        """Return what each further state is like: a place among states, inputs and zero."""
+        names = [*range(len(self.kind.states)), *self.kind.inputs, None]
+        return [names.index(like) for like in self.extra]
+
     def _solver(self, time: FloatArray, relative: float) -> dict[str, Any]:
         step = float(time[1] - time[0])
         stiff = self.method != "DOP853"
-        own = relative * np.array([balance.size for balance in self.kind.states.values()])
-        extra = [1e-3 * relative if like is None else own[like] for like in self.extra]
+        sizes = [b.size for b in self.kind.states.values()] + [d.height for d in self.kind.inputs.values()] + [1e-3]
+        own = relative * np.array(sizes)
+        states = [*range(len(self.kind.states)), *self._alike()]
         return {
-            "method": self.method, "rtol": relative, "atol": np.array([*own, *extra]),
+            "method": self.method, "rtol": relative, "atol": own[states],
             "first_step": None if stiff else step,
             "max_step": step * (LONGEST_WITH_EVENTS if self.holds else inf if stiff else LONGEST),
         }  # fmt: skip
@@ -280,12 +330,11 @@ def _union(parts: Sequence[FloatArray], time: FloatArray, apart: float) -> Float
 class _Integration:
     """One run of a rig under ``signals``, by SciPy's ``solver``."""
 
-    def __init__(self, rig: Assembly, signals: Sequence[PiecewiseSignal], solver: dict[str, Any]) -> None:
+    def __init__(self, rig: Assembly, signals: Sequence[Signal], solver: dict[str, Any]) -> None:
         self._rig, self._signals, self._solver = rig, signals, solver
-        self._blank = [0.0] * len(rig.extra)
-        self._inverse = [1.0 / c for c in (*rig.plant.capacity, *([1.0] * len(rig.extra)))]
+        self._plant = rig.kind.plant(rig.parameters, rig.acting, rig.added)
+        self._inverse = [1.0 / c for c in self._plant.capacity]
         self._events = [self._event(law) for law in rig.holds]
-        self._held = all(signal.held for signal in signals)
 
     def run(self, grid: FloatArray, start: Sequence[float]) -> FloatArray:
         """Integrate to ``grid`` (increasing, s; holds every break of the signals): states, shape (n, states).
@@ -295,15 +344,15 @@ class _Integration:
         out = np.empty((grid.size, len(start)))
         out[0] = start
         apart = 1e-9 * float(np.median(np.diff(grid)))
-        jumps = np.unique(np.concatenate([np.searchsorted(grid, signal.breaks - apart) for signal in self._signals]))
+        jumps = np.unique(np.concatenate([np.searchsorted(grid, breaks - apart) for breaks, _ in self._signals]))
         edges = [0, *jumps[(jumps > 0) & (jumps < grid.size - 1)].tolist(), grid.size - 1]
         x = list(start)
         for law in self._rig.holds:
             law.begin(x)
         try:
             for first, last in pairwise(edges):
-                self._pieces = [signal.piece(float(grid[first]) + apart) for signal in self._signals]
-                self._now = [piece(float(grid[first])) for piece in self._pieces]
+                at = grid[first] + apart
+                self._now = [float(v[max(np.searchsorted(t, at, "right") - 1, 0)]) for t, v in self._signals]
                 x = self._segment(grid, (first, last), x, out)
         except OverflowError:
             raise OverflowError("a simulated rig runs away") from None
@@ -351,10 +400,7 @@ class _Integration:
         return margin
 
     def _efforts(self, t: float, x: Values, without: HoldingLaw | None = None) -> list[float]:
-        u = self._now if self._held else [piece(t) for piece in self._pieces]
-        e = self._rig.plant.efforts(x, u) + self._blank
-        for term in self._rig.terms:
-            term(t, x, u, e)
+        e = self._plant.efforts(t, x, self._now)
         for law in self._rig.holds:
             if law is not without:
                 law.add(e, x)
@@ -374,9 +420,9 @@ def run_linear(
     """
     states, inputs = len(start), commands.shape[1]
     capacity = np.array(plant.capacity)
-    origin = np.array(plant.efforts([0.0] * states, [0.0] * inputs)) / capacity
+    origin = np.array(plant.efforts(0.0, [0.0] * states, [0.0] * inputs)) / capacity
     units = np.eye(states + inputs).tolist()
-    columns = [np.array(plant.efforts(unit[:states], unit[states:])) / capacity - origin for unit in units]
+    columns = [np.array(plant.efforts(0.0, unit[:states], unit[states:])) / capacity - origin for unit in units]
     system = np.zeros((states + inputs + 1,) * 2)
     system[:states] = np.column_stack([*columns, origin])
     transition = expm(system * step)[:states]

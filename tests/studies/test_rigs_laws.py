@@ -10,14 +10,8 @@ from scipy.integrate import solve_ivp
 from aero_bayes.errors import InputError
 from simulated_rigs.kinds import KINDS
 from simulated_rigs.rig import Assembly, run_linear
-from simulated_rigs.signals import (
-    command_with_play,
-    delayed_command,
-    faded_command,
-    lagged_command,
-    rate_limited_command,
-)
-from simulated_rigs.truth import LawPlace, LawTruth, law_kind, law_places, simulate_rig
+from simulated_rigs.signals import command_with_play, delayed_command, faded_command
+from simulated_rigs.truth import LawPlace, LawTruth, assembled, law_kind, law_places, simulate_rig
 
 pytestmark = pytest.mark.long
 
@@ -110,26 +104,30 @@ def test_actuators_and_sensors_by_closed_form() -> None:
     time, values = np.arange(0.0, 5.0), np.array([0.0, 2.0, 2.0, -1.0, -1.0])
     grid = np.linspace(0.0, 4.9, 50)
 
-    def at(signal) -> np.ndarray:
-        return np.array([signal.piece(t + 1e-9)(t) for t in grid])
-
+    breaks, late = delayed_command(time, values, 0.35)
     np.testing.assert_allclose(
-        at(delayed_command(time, values, 0.35)), values[np.maximum(np.floor(grid - 0.35), 0).astype(int)]
+        late[np.maximum(np.searchsorted(breaks, grid + 1e-9, "right") - 1, 0)],
+        values[np.maximum(np.floor(grid - 0.35), 0).astype(int)],
     )
+
+    def applied(law: str, **parameters: float) -> np.ndarray:
+        rig = assembled(CART, CART.parameters, [LawTruth(law, LawPlace("input", "F"), parameters)])
+        return rig.run(grid, values[np.floor(grid + 1e-9).astype(int)][:, None], (0.0, 0.0))[1][:, 2]
+
     lag = solve_ivp(
         lambda t, x: (values[min(int(t), 4)] - x) / 0.4, (0.0, 5.0), [0.0], t_eval=grid, max_step=0.01, rtol=1e-9
     )
-    np.testing.assert_allclose(at(lagged_command(time, values, 0.4)), lag.y[0], atol=2e-3)
+    np.testing.assert_allclose(applied("lag", T=0.4), lag.y[0], atol=2e-3)
     np.testing.assert_allclose(
-        at(rate_limited_command(time, values, 1.25)),
+        applied("rate_limit", r_max=1.25),
         np.interp(grid, [0.0, 1.0, 2.6, 3.0, 5.0], [0.0, 0.0, 2.0, 2.0, -0.5]),
-        atol=1e-12,
+        atol=1e-8,
     )
     # Play of half-width 1: it moves only when the command has taken it up.
-    np.testing.assert_allclose(command_with_play(time, values, 1.0, 1.0).base, [0.0, 1.0, 0.0])
+    np.testing.assert_allclose(command_with_play(time, values, 1.0, 1.0)[1], [0.0, 1.0, 0.0])
     # Half of the input is lost once its square has been the size's for long.
     held = np.full(100, 2.0)
-    lost = faded_command(np.arange(100.0), held, 10.0, 0.5, 2.0).base
+    lost = faded_command(np.arange(100.0), held, 10.0, 0.5, 2.0)[1]
     np.testing.assert_allclose(lost, 2.0 - np.cumsum(np.append(0.0, np.exp(-np.arange(99) / 10.0))) * -np.expm1(-0.1))
     rows = times(CART, 801)
     command = steps(CART, 801)
