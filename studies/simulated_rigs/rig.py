@@ -18,8 +18,7 @@ from typing import Any, Literal
 
 import numpy as np
 from scipy.integrate import solve_ivp
-from scipy.linalg import expm
-from scipy.signal import lfilter
+from scipy.signal import lsim
 
 from aero_bayes.arrays import FloatArray
 from simulated_rigs.signals import Signal, held_command
@@ -165,66 +164,69 @@ class RigKind:
         return Plant(tuple(inertia), compiled(list(sums)), shown)
 
 
+@dataclass
 class DryFriction:
     """A level that opposes motion and holds what stands still until it is pushed harder than that.
 
     ``level`` is a function of direction and speed (not negative); at zero speed it is the push that breaks loose.
     """
 
-    def __init__(self, index: int, level: Callable[[int, float], float]) -> None:
-        self._index, self._level = index, level
-        self._direction = 0
+    index: int
+    level: Callable[[int, float], float]
+    direction: int = 0
 
     def begin(self, x: Values) -> None:
         """Take the mode of a state at which a run begins."""
-        self._direction = (x[self._index] > 0.0) - (x[self._index] < 0.0)
+        self.direction = (x[self.index] > 0.0) - (x[self.index] < 0.0)
 
     def add(self, e: list[float], x: Values) -> None:
         """Add to the efforts, those of all other laws."""
-        direction = self._direction
-        if direction:
-            e[self._index] -= direction * self._level(direction, max(direction * x[self._index], 0.0))
+        if self.direction:
+            e[self.index] -= self.direction * self.level(self.direction, max(self.direction * x[self.index], 0.0))
         else:
-            e[self._index] = 0.0
+            e[self.index] = 0.0
 
     def margin(self, x: Values, e: Callable[[], Values]) -> float:
         """Return what is positive while the present mode holds, else negative; ``e()`` are efforts without this law."""
-        if self._direction:
-            return x[self._index] * self._direction
-        push = e()[self._index]
-        return self._level(1 if push > 0.0 else -1, 0.0) - abs(push)
+        if self.direction:
+            return x[self.index] * self.direction
+        push = e()[self.index]
+        return self.level(1 if push > 0.0 else -1, 0.0) - abs(push)
 
     def switch(self, x: list[float], e: Callable[[], Values]) -> None:
         """Leave the present mode, and put ``x`` where the next one starts."""
-        x[self._index] = 0.0
-        push = e()[self._index]
+        x[self.index] = 0.0
+        push = e()[self.index]
         side = 1 if push > 0.0 else -1
         # What stuck is loose now, also where rounding leaves the push just below the level.
-        self._direction = side if not self._direction or abs(push) > self._level(side, 0.0) else 0
+        self.direction = side if not self.direction or abs(push) > self.level(side, 0.0) else 0
 
 
+@dataclass
 class Overflow:
     """A storage that cannot rise above a rim; a share of what spills goes to a neighbour (or none)."""
 
-    def __init__(self, index: int, rim: float, neighbour: int | None, share: float) -> None:
-        self._index, self._rim, self._neighbour, self._share = index, rim, neighbour, share
-        self._full = False
+    index: int
+    rim: float
+    neighbour: int | None
+    share: float
+    full: bool = False
 
     def begin(self, x: Values) -> None:
-        self._full = False
+        self.full = False
 
     def add(self, e: list[float], x: Values) -> None:
-        if self._full:
-            spilled, e[self._index] = e[self._index], 0.0
-            if self._neighbour is not None:
-                e[self._neighbour] += self._share * spilled
+        if self.full:
+            spilled, e[self.index] = e[self.index], 0.0
+            if self.neighbour is not None:
+                e[self.neighbour] += self.share * spilled
 
     def margin(self, x: Values, e: Callable[[], Values]) -> float:
-        return e()[self._index] if self._full else self._rim - x[self._index]
+        return e()[self.index] if self.full else self.rim - x[self.index]
 
     def switch(self, x: list[float], e: Callable[[], Values]) -> None:
-        x[self._index] = self._rim
-        self._full = not self._full
+        x[self.index] = self.rim
+        self.full = not self.full
 
 
 HoldingLaw = DryFriction | Overflow
@@ -415,23 +417,14 @@ def run_linear(
 ) -> tuple[FloatArray, FloatArray]:
     """Simulate outputs, shape (n, outputs), and states, shape (n, states), of a linear rig at samples ``step`` s apart.
 
-    The equations dx/dt = A x + B u + c are read off by unit vectors. Over a sample x becomes Phi x + Gamma (u, 1),
-    which is exact; in the basis of Phi's eigenvectors each state is a first-order filter of its own.
+    The equations dx/dt = A x + B u + c are read off by unit vectors.
     """
     states, inputs = len(start), commands.shape[1]
     capacity = np.array(plant.capacity)
     origin = np.array(plant.efforts(0.0, [0.0] * states, [0.0] * inputs)) / capacity
     units = np.eye(states + inputs).tolist()
     columns = [np.array(plant.efforts(0.0, unit[:states], unit[states:])) / capacity - origin for unit in units]
-    system = np.zeros((states + inputs + 1,) * 2)
-    system[:states] = np.column_stack([*columns, origin])
-    transition = expm(system * step)[:states]
-    modes, basis = np.linalg.eig(transition[:, :states])
-    driven = np.linalg.solve(basis, transition[:, states:] @ np.column_stack([commands, np.ones(len(commands))]).T)
-    first = np.linalg.solve(basis, np.array(start, dtype=complex))
-    found = np.empty((states, len(commands)), dtype=complex)
-    for k, mode in enumerate(modes):
-        found[k, 0] = first[k]
-        found[k, 1:] = lfilter([1.0], [1.0, -mode], driven[k, :-1], zi=[mode * first[k]])[0]
-    x = (basis @ found).real.T
+    driven, held = np.column_stack([*columns[states:], origin]), np.column_stack([commands, np.ones(len(commands))])
+    system = np.column_stack(columns[:states]), driven, np.eye(states), np.zeros(driven.shape)
+    x = lsim(system, held, step * np.arange(len(commands)), start, interp=False)[2]
     return x[:, list(plant.shown)], x

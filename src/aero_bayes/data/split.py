@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -113,12 +113,6 @@ class Recordings:
     def has_test(self) -> bool:
         """Whether some readings decide nothing."""
         return any(part.role == "test" for part in self.parts)
-
-    @property
-    def unseen_from(self) -> Mapping[str, float]:
-        """The time (s) from which a training recording is not fitted, by name."""
-        ends = {part.recording.name: part.end for part in self.parts if part.role == "train"}
-        return {name: end for name, end in ends.items() if end is not None}
 
 
 def _halves(recording: Recording, outputs: Sequence[str], begin: float | None) -> tuple[Part, ...]:

@@ -176,18 +176,18 @@ def read_signals(
         first, *others = (columns[clock] for clock in dict.fromkeys(clocks.values()))
         if all(first.equals(other) for other in others):
             named["time"], clocks = named.get("time", next(iter(clocks.values()))), {}
-    if not clocks and not labels and _is_sparse(values, held):
-        clocks = dict.fromkeys(values, named["time"])
     for n, own in values.items():
         if own.size != (size := columns[clocks.get(n, named.get("time", ""))].size):
             raise InputError(f"{table.path}, column {n}: {own.size} values, expected {size} as in time")
     if not clocks:
         timed = columns[named["time"]]
-        values["time"], origin = times_in(timed, where, asked["time"])
-        marks = {n: timed.index[marked] for n, marked in bad.items()}
-        run = columns[labels[0]].map(_label) if labels else None
         frame = pandas.DataFrame(values, index=timed.index)
-        return frame, Notes(sha256, named, table.notes, table.row, marks, origin, run)
+        if labels or not _is_sparse(frame, held):
+            frame["time"], origin = times_in(timed, where, asked["time"])
+            marks = {n: timed.index[marked] for n, marked in bad.items()}
+            run = columns[labels[0]].map(_label) if labels else None
+            return frame, Notes(sha256, named, table.notes, table.row, marks, origin, run)
+        clocks = dict.fromkeys(values, named["time"])
     times = {clock: times_in(columns[clock].dropna(), where, clock) for clock in dict.fromkeys(clocks.values())}
     begin, pairs = min(origin for _, origin in times.values()), {}
     for n, clock in clocks.items():
@@ -228,16 +228,12 @@ def clocks_of(where: str, names: Sequence[str], named: Mapping[str, str]) -> dic
     return {} if without else clocks
 
 
-def _is_sparse(values: Mapping[str, FloatArray], held: Collection[str]) -> bool:
+def _is_sparse(frame: pandas.DataFrame, held: Collection[str]) -> bool:
     """Return whether a row holds what one clock read: inputs have empty cells, and no row an input and an output."""
-    inputs = [np.isfinite(v) for n, v in values.items() if n in held]
-    outputs = [np.isfinite(v) for n, v in values.items() if n not in held]
-    if not inputs or not outputs or all(there.all() for there in inputs):
-        return False
-    if len({there.size for there in (*inputs, *outputs)}) > 1:
-        return False
-    driven, read = np.logical_or.reduce(inputs), np.logical_or.reduce(outputs)
-    return bool(driven.any() and read.any() and not (driven & read).any())
+    there = np.isfinite(frame)
+    inputs = there[[n for n in frame if n in held]]
+    driven, read = inputs.any(axis=1), there.drop(columns=inputs.columns).any(axis=1)
+    return bool(not inputs.all(axis=None) and driven.any() and read.any() and not (driven & read).any())
 
 
 def _in_rows(table: Table, asked: Mapping[str, str]) -> tuple[str, str, str] | None:
