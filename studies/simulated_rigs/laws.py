@@ -7,16 +7,17 @@ answer is no name at all.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
-from math import exp, pi, sqrt
+from math import pi, sqrt
+from typing import Any
 
 import numpy as np
 from numpy.random import Generator
 
 from aero_bayes.arrays import FloatArray
-from simulated_rigs.rig import Assembly, DryFriction, Overflow, Parameters
+from simulated_rigs.rig import ARRAYS, Assembly, DryFriction, Overflow, Parameters, function, with_values
 from simulated_rigs.signals import (
     Signal,
     command_with_play,
@@ -50,30 +51,37 @@ class Scale:
     difference: float = 0.0
 
 
-#: (generator, size, scale) -> parameters; whatever else it draws is independent of the size.
-Draw = Callable[[Generator, float, Scale], dict[str, float]]
 #: (assembly, name of the place, parameters) puts the law there.
 Install = Callable[[Assembly, str, Parameters], None]
 
 
 @dataclass(frozen=True)
 class LawKind:
-    """How a law's parameters are drawn, how it is put into a rig, and the largest size that makes sense."""
+    """How a law's parameters are drawn, how it is put into a rig, and the largest size that makes sense.
 
-    draw: Draw
+    Parameters are expressions of ``size`` and of the place's :class:`Scale`, of ``uniform(a, b)``, ``random()`` and
+    ``sign()``, which is 1 or -1. What begins with an underscore is drawn for those after it.
+    """
+
+    parameters: Mapping[str, str]
     install: Install
     most: float = 100.0
 
+    def draw(self, rng: Generator, size: float, scale: Scale) -> dict[str, float]:
+        """Draw the parameters; whatever is random in them is independent of the size."""
+        names: dict[str, Any] = {**vars(scale), "size": size, "sqrt": sqrt, "pi": pi}
+        names |= {"uniform": rng.uniform, "random": rng.random, "sign": lambda: 1.0 if rng.random() < 0.5 else -1.0}
+        for name, expression in self.parameters.items():
+            names[name] = float(eval(expression, names))
+        return {name: names[name] for name in self.parameters if not name.startswith("_")}
 
-def _sign(rng: Generator) -> float:
-    return 1.0 if rng.random() < 0.5 else -1.0
 
-
-def _mapped(law: Callable[[FloatArray, Parameters], FloatArray]) -> Install:
-    """Make a law that maps each value of a command by itself."""
+def _mapped(law: str) -> Install:
+    """Make a law that maps each value ``u`` of a command, at its time ``t``."""
 
     def install(a: Assembly, name: str, p: Parameters) -> None:
-        a.actuators[name] = lambda time, values: held_command(time, law(values, p))
+        applied = function("t, u", with_values(law, {}, p), ARRAYS)
+        a.actuators[name] = lambda time, values: held_command(time, applied(time, values))
 
     return install
 
@@ -100,18 +108,12 @@ def _followed(rate: str, command: Install | None = None) -> Install:
     return install
 
 
-def _drifting_gain(a: Assembly, name: str, p: Parameters) -> None:
-    a.actuators[name] = lambda time, u: held_command(
-        time, u * (1.0 + p["a"] * np.sin(2.0 * pi * time / p["T"] + p["phase"]))
-    )
-
-
-def _read(law: Callable[[FloatArray, FloatArray, Parameters], FloatArray]) -> Install:
-    """Make a law that turns times and true values into readings."""
+def _read(law: str) -> Install:
+    """Make a law that turns times ``t`` and true values ``y`` into readings."""
 
     def install(a: Assembly, name: str, p: Parameters) -> None:
-        column = a.column(name)
-        a.readings.append(lambda t, y, x: np.copyto(y[:, column], law(t, y[:, column], p)))
+        column, shown = a.column(name), function("t, y", with_values(law, {}, p), ARRAYS)
+        a.readings.append(lambda t, y, x: np.copyto(y[:, column], shown(t, y[:, column])))
 
     return install
 
@@ -161,12 +163,13 @@ def _efforts(**expressions: str) -> Install:
     return install
 
 
-def _friction(level: Callable[[int, float, Parameters], float]) -> Install:
-    """Make dry friction of a level over direction and speed."""
+def _friction(level: str) -> Install:
+    """Make dry friction of a level over direction ``d`` and speed ``v``."""
 
     def install(a: Assembly, name: str, p: Parameters) -> None:
-        if any(level(side, 0.0, p) for side in (-1, 1)):
-            a.holds.append(DryFriction(a.state(name), lambda direction, speed: level(direction, speed, p)))
+        found = function("d, v", with_values(level, {}, p))
+        if any(found(side, 0.0) for side in (-1, 1)):
+            a.holds.append(DryFriction(a.state(name), found))
 
     return install
 
@@ -185,160 +188,105 @@ def _cogging(a: Assembly, name: str, p: Parameters) -> None:
 _PLAY = "(stiffness*x + damping*(first - second) if abs(x) <= gap/2.0 else stiffness*copysign(gap/2.0, x))"
 
 
-def _directions(rng: Generator, size: float, s: Scale) -> dict[str, float]:
-    apart = float(rng.uniform(1.25, 2.0)) ** _sign(rng)
-    return {"F_plus": size * s.effort * apart, "F_minus": size * s.effort / apart}
-
-
-def _stribeck(rng: Generator, size: float, s: Scale) -> dict[str, float]:
-    level = size * s.effort
-    return {"F_c": level, "F_s": level * float(rng.uniform(1.4, 2.2)), "v_s": s.spread * float(rng.uniform(0.1, 0.4))}
-
-
-def _rim(rng: Generator, size: float, s: Scale) -> dict[str, float]:
-    share = float(rng.uniform(0.2, 0.9)) if rng.random() < 0.5 else 0.0
-    return {"rim": s.highest - size * (s.highest - s.lowest), "share": share}
-
-
-def _stop(rng: Generator, size: float, s: Scale) -> dict[str, float]:
-    return {"x_s": (1.0 - size) * s.farthest, "k_s": float(rng.uniform(10.0, 30.0)) * s.effort / s.position}
-
-
-def _rise(rng: Generator, size: float, s: Scale) -> dict[str, float]:
-    strength = size * s.effort / s.spread / (s.spread**2 + s.mean**2)
-    return {"r_h": strength, "T_h": s.duration * float(rng.uniform(0.05, 0.3))}
-
-
-def _dahl(rng: Generator, size: float, s: Scale) -> dict[str, float]:
-    return {"F_c": size * s.effort, "x_s": s.spread * s.time * float(rng.uniform(0.1, 0.5))}
-
-
-def _fading(rng: Generator, size: float, s: Scale) -> dict[str, float]:
-    return {"loss": size, "T": s.duration * rng.uniform(0.05, 0.2), "u_n": s.largest}
-
-
-def _slow_gain(rng: Generator, size: float, s: Scale) -> dict[str, float]:
-    return {"a": size, "T": s.duration * rng.uniform(0.3, 0.8), "phase": rng.uniform(0.0, 2.0 * pi)}
-
-
-def _mount(rng: Generator, size: float, s: Scale) -> dict[str, float]:
-    return {"g": size, "w_0": rng.uniform(1.5, 4.0) / s.time, "zeta": rng.uniform(0.02, 0.15)}
-
-
-def _teeth(rng: Generator, size: float, s: Scale) -> dict[str, float]:
-    return {"a": size * s.effort, "pitch": (s.position or s.spread * s.time) * rng.uniform(0.4, 0.9)}
-
-
-def _tone(rng: Generator, size: float, s: Scale) -> dict[str, float]:
-    return {"a": size * s.effort, "T": s.time * rng.uniform(2.0, 8.0), "phase": rng.uniform(0.0, 2.0 * pi)}
-
-
-_OFFSET = LawKind(lambda g, z, s: {"b": z * s.effort * _sign(g)}, _efforts(x="b"))
+_OFFSET = LawKind({"b": "size*effort*sign()"}, _efforts(x="b"))
+_PHASE = "uniform(0.0, 2.0*pi)"
 #: Where each law acts (``input``, ``output``, ``coupling`` or the family of a balance), its id, and the law.
 LAWS: dict[tuple[str, str], LawKind] = {
-    ("input", "gain"): LawKind(lambda g, z, s: {"g": z * _sign(g)}, _mapped(lambda u, p: (1.0 + p["g"]) * u), 0.6),
-    ("input", "offset"): LawKind(lambda g, z, s: {"b": z * s.spread * _sign(g)}, _mapped(lambda u, p: u + p["b"]), 2.0),
-    ("input", "dead_zone"): LawKind(
-        lambda g, z, s: {"w": z * s.largest},
-        _mapped(lambda u, p: np.sign(u) * np.maximum(np.abs(u) - p["w"], 0.0)),
-        0.7,
-    ),
-    ("input", "saturation"): LawKind(
-        lambda g, z, s: {"u_max": (1.0 - z) * s.largest},
-        _mapped(lambda u, p: np.clip(u, -p["u_max"], p["u_max"])),
-        0.7,
-    ),
+    ("input", "gain"): LawKind({"g": "size*sign()"}, _mapped("(1.0 + g)*u"), 0.6),
+    ("input", "offset"): LawKind({"b": "size*spread*sign()"}, _mapped("u + b"), 2.0),
+    ("input", "dead_zone"): LawKind({"w": "size*largest"}, _mapped("sign(u)*maximum(abs(u) - w, 0.0)"), 0.7),
+    ("input", "saturation"): LawKind({"u_max": "(1.0 - size)*largest"}, _mapped("clip(u, -u_max, u_max)"), 0.7),
     ("input", "rate_limit"): LawKind(
-        lambda g, z, s: {"r_max": s.spread / (z * s.time)},
-        _followed("command", _actuator(limited_rate, fastest="r_max")),
-        30.0,
+        {"r_max": "spread/(size*time)"}, _followed("command", _actuator(limited_rate, fastest="r_max")), 30.0
     ),
     # The command itself and its square, which are equal at u_n, mixed.
-    ("input", "square_law"): LawKind(
-        lambda g, z, s: {"a": z, "u_n": s.largest},
-        _mapped(lambda u, p: u + p["a"] * (u * np.abs(u) / p["u_n"] - u)),
-        1.5,
-    ),
-    ("input", "lag"): LawKind(lambda g, z, s: {"T": z * s.time}, _followed("(command - x)/T"), 20.0),
-    ("input", "delay"): LawKind(lambda g, z, s: {"T": z * s.time}, _actuator(delayed_command, delay="T"), 10.0),
+    ("input", "square_law"): LawKind({"a": "size", "u_n": "largest"}, _mapped("u + a*(u*abs(u)/u_n - u)"), 1.5),
+    ("input", "lag"): LawKind({"T": "size*time"}, _followed("(command - x)/T"), 20.0),
+    ("input", "delay"): LawKind({"T": "size*time"}, _actuator(delayed_command, delay="T"), 10.0),
     ("input", "hysteresis"): LawKind(
-        lambda g, z, s: {"share": z, "w": s.spread * float(g.uniform(0.2, 0.8))},
+        {"share": "size", "w": "spread*uniform(0.2, 0.8)"},
         _actuator(command_with_play, half_width="w", share="share"),
         1.0,
     ),
-    ("output", "gain"): LawKind(lambda g, z, s: {"g": z * _sign(g)}, _read(lambda t, y, p: y * (1.0 + p["g"])), 0.6),
-    ("output", "offset"): LawKind(
-        lambda g, z, s: {"b": z * s.spread * _sign(g)}, _read(lambda t, y, p: y + p["b"]), 5.0
-    ),
-    ("output", "lag"): LawKind(lambda g, z, s: {"T": z * s.time}, _lag_out, 3.0),
-    ("output", "delay"): LawKind(lambda g, z, s: {"T": z * s.time}, _delay_out, 3.0),
-    ("motion", "coulomb_friction"): LawKind(lambda g, z, s: {"F_c": z * s.effort}, _friction(lambda d, v, p: p["F_c"])),
+    ("output", "gain"): LawKind({"g": "size*sign()"}, _read("y*(1.0 + g)"), 0.6),
+    ("output", "offset"): LawKind({"b": "size*spread*sign()"}, _read("y + b"), 5.0),
+    ("output", "lag"): LawKind({"T": "size*time"}, _lag_out, 3.0),
+    ("output", "delay"): LawKind({"T": "size*time"}, _delay_out, 3.0),
+    ("motion", "coulomb_friction"): LawKind({"F_c": "size*effort"}, _friction("F_c")),
     ("motion", "friction_by_direction"): LawKind(
-        _directions, _friction(lambda d, v, p: p["F_plus"] if d > 0 else p["F_minus"])
+        {"_apart": "uniform(1.25, 2.0)**sign()", "F_plus": "size*effort*_apart", "F_minus": "size*effort/_apart"},
+        _friction("F_plus if d > 0 else F_minus"),
     ),
     ("motion", "stribeck_friction"): LawKind(
-        _stribeck, _friction(lambda d, v, p: p["F_c"] + (p["F_s"] - p["F_c"]) * exp(-((v / p["v_s"]) ** 2)))
+        {"F_c": "size*effort", "F_s": "F_c*uniform(1.4, 2.2)", "v_s": "spread*uniform(0.1, 0.4)"},
+        _friction("F_c + (F_s - F_c)*exp(-((v/v_s)**2))"),
     ),
+    # Dahl's model: a spring that yields at F_c.
     ("motion", "presliding_friction"): LawKind(
-        _dahl,
-        # Dahl's model: a spring that yields at F_c.
+        {"F_c": "size*effort", "x_s": "spread*time*uniform(0.1, 0.5)"},
         _efforts(x="-force", force="(F_c*x - abs(x)*force)/x_s"),
     ),
-    ("motion", "viscous_friction"): LawKind(lambda g, z, s: {"d": z * s.effort / s.spread}, _efforts(x="-d*x")),
-    ("motion", "quadratic_drag"): LawKind(lambda g, z, s: {"c": z * s.effort / s.spread**2}, _efforts(x="-c*x*abs(x)")),
+    ("motion", "viscous_friction"): LawKind({"d": "size*effort/spread"}, _efforts(x="-d*x")),
+    ("motion", "quadratic_drag"): LawKind({"c": "size*effort/spread**2"}, _efforts(x="-c*x*abs(x)")),
     ("motion", "offset"): _OFFSET,
-    ("motion", "linear_stiffness"): LawKind(
-        lambda g, z, s: {"k": z * s.effort / s.position}, _efforts(x="-k*position")
+    ("motion", "linear_stiffness"): LawKind({"k": "size*effort/position"}, _efforts(x="-k*position")),
+    ("motion", "cubic_stiffness"): LawKind({"k_3": "size*effort/position**3"}, _efforts(x="-k_3*position**3")),
+    ("motion", "end_stop"): LawKind(
+        {"x_s": "(1.0 - size)*farthest", "k_s": "uniform(10.0, 30.0)*effort/position"},
+        _efforts(x="-k_s*(position - min(max(position, -x_s), x_s))"),
+        0.7,
     ),
-    ("motion", "cubic_stiffness"): LawKind(
-        lambda g, z, s: {"k_3": z * s.effort / s.position**3}, _efforts(x="-k_3*position**3")
-    ),
-    ("motion", "end_stop"): LawKind(_stop, _efforts(x="-k_s*(position - min(max(position, -x_s), x_s))"), 0.7),
-    ("coupling", "backlash"): LawKind(
-        lambda g, z, s: {"gap": z * s.spread}, _efforts(first=_PLAY, second=f"-{_PLAY}"), 3.0
-    ),
-    ("storage", "linear_loss"): LawKind(
-        lambda g, z, s: {"k": z * s.effort / s.spread}, _efforts(x="-k*(x - reference)")
-    ),
+    ("coupling", "backlash"): LawKind({"gap": "size*spread"}, _efforts(first=_PLAY, second=f"-{_PLAY}"), 3.0),
+    ("storage", "linear_loss"): LawKind({"k": "size*effort/spread"}, _efforts(x="-k*(x - reference)")),
     ("storage", "root_loss"): LawKind(
-        lambda g, z, s: {"k": z * s.effort / sqrt(s.spread)},
-        _efforts(x="-k*copysign(sqrt(abs(x - reference)), x - reference)"),
+        {"k": "size*effort/sqrt(spread)"}, _efforts(x="-k*copysign(sqrt(abs(x - reference)), x - reference)")
     ),
     ("storage", "square_loss"): LawKind(
-        lambda g, z, s: {"k": z * s.effort / s.spread**2}, _efforts(x="-k*(x - reference)*abs(x - reference)")
+        {"k": "size*effort/spread**2"}, _efforts(x="-k*(x - reference)*abs(x - reference)")
     ),
-    ("storage", "overflow"): LawKind(_rim, _overflow, 0.6),
+    ("storage", "overflow"): LawKind(
+        {"rim": "highest - size*(highest - lowest)", "share": "uniform(0.2, 0.9) if random() < 0.5 else 0.0"},
+        _overflow,
+        0.6,
+    ),
     ("storage", "offset"): _OFFSET,
     ("storage", "exchange"): LawKind(
-        lambda g, z, s: {"k": z * s.effort / s.difference},
-        _efforts(x="k*(neighbour - x)", neighbour="-k*(neighbour - x)"),
+        {"k": "size*effort/difference"}, _efforts(x="k*(neighbour - x)", neighbour="-k*(neighbour - x)")
     ),
     ("storage", "radiation"): LawKind(
-        lambda g, z, s: {"k": z * s.effort / (4.0 * s.mean**3 * s.spread)}, _efforts(x="-k*(x**4 - reference**4)")
+        {"k": "size*effort/(4.0*mean**3*spread)"}, _efforts(x="-k*(x**4 - reference**4)")
     ),
-    ("electrical", "series_resistance"): LawKind(lambda g, z, s: {"R": z * s.effort / s.spread}, _efforts(x="-R*x")),
-    ("electrical", "contact_drop"): LawKind(lambda g, z, s: {"V_c": z * s.effort}, _friction(lambda d, i, p: p["V_c"])),
+    ("electrical", "series_resistance"): LawKind({"R": "size*effort/spread"}, _efforts(x="-R*x")),
+    ("electrical", "contact_drop"): LawKind({"V_c": "size*effort"}, _friction("V_c")),
+    # A resistance grows with the heat that its current has left.
     ("electrical", "heating"): LawKind(
-        _rise,
-        # A resistance grows with the heat that its current has left.
+        {"r_h": "size*effort/spread/(spread**2 + mean**2)", "T_h": "duration*uniform(0.05, 0.3)"},
         _efforts(x="-warmer*x", warmer="(r_h*x*x - warmer)/T_h"),
     ),
 }
-_VIBRATION = LawKind(_tone, _efforts(x="a*cos(2.0*pi*t/T + phase)"))
+_VIBRATION = LawKind(
+    {"a": "size*effort", "T": "time*uniform(2.0, 8.0)", "phase": _PHASE}, _efforts(x="a*cos(2.0*pi*t/T + phase)")
+)
 OUTSIDE: dict[tuple[str, str], LawKind] = {
-    ("input", "drifting_gain"): LawKind(_slow_gain, _drifting_gain, 0.6),
+    ("input", "drifting_gain"): LawKind(
+        {"a": "size", "T": "duration*uniform(0.3, 0.8)", "phase": _PHASE},
+        _mapped("u*(1.0 + a*sin(2.0*pi*t/T + phase))"),
+        0.6,
+    ),
     # An actuator loses force as it grows hot from what it did before.
-    ("input", "fade"): LawKind(_fading, _actuator(faded_command, constant="T", loss="loss", size="u_n"), 0.9),
-    ("input", "wave"): LawKind(
-        lambda g, z, s: {"a": z * s.spread, "p": s.spread * g.uniform(0.6, 1.2)},
-        _mapped(lambda u, p: u + p["a"] * np.sin(2.0 * pi * u / p["p"])),
+    ("input", "fade"): LawKind(
+        {"loss": "size", "T": "duration*uniform(0.05, 0.2)", "u_n": "largest"},
+        _actuator(faded_command, constant="T", loss="loss", size="u_n"),
+        0.9,
     ),
-    ("output", "resonance"): LawKind(_mount, _resonance),
-    ("output", "drift"): LawKind(
-        lambda g, z, s: {"a": z * s.spread, "T": s.duration},
-        _read(lambda t, y, p: y + p["a"] * ((t - t[0]) / p["T"]) ** 2),
+    ("input", "wave"): LawKind({"a": "size*spread", "p": "spread*uniform(0.6, 1.2)"}, _mapped("u + a*sin(2.0*pi*u/p)")),
+    ("output", "resonance"): LawKind(
+        {"g": "size", "w_0": "uniform(1.5, 4.0)/time", "zeta": "uniform(0.02, 0.15)"}, _resonance
     ),
-    ("motion", "cogging"): LawKind(_teeth, _cogging),
+    ("output", "drift"): LawKind({"a": "size*spread", "T": "duration"}, _read("y + a*((t - t[0])/T)**2")),
+    ("motion", "cogging"): LawKind(
+        {"a": "size*effort", "pitch": "(position or spread*time)*uniform(0.4, 0.9)"}, _cogging
+    ),
     ("motion", "vibration"): _VIBRATION,
     ("storage", "vibration"): _VIBRATION,
     ("electrical", "vibration"): _VIBRATION,

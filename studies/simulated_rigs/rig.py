@@ -13,7 +13,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from itertools import pairwise, zip_longest
-from math import copysign, cos, inf, pi, sin, sqrt
+from math import copysign, cos, exp, inf, pi, sin, sqrt
 from typing import Any, Literal
 
 import numpy as np
@@ -38,7 +38,8 @@ MAX_EVENTS = 100_000
 
 #: Names in expressions, and functions that they may use.
 NAME = re.compile(r"(?<![\w.])[A-Za-z_]\w*(?:\.[A-Za-z_]\w*)?")
-FUNCTIONS = {"abs": abs, "max": max, "min": min} | {f.__name__: f for f in (cos, copysign, sin, sqrt)} | {"pi": pi}
+FUNCTIONS: dict[str, Any] = {f.__name__: f for f in (abs, max, min, cos, copysign, exp, sin, sqrt)} | {"pi": pi}
+ARRAYS: dict[str, Any] = {name: getattr(np, name) for name in ("abs", "clip", "maximum", "pi", "sign", "sin")}
 
 
 def with_values(expression: str, places: Mapping[str, str], values: Parameters) -> str:
@@ -51,10 +52,15 @@ def with_values(expression: str, places: Mapping[str, str], values: Parameters) 
     return NAME.sub(put, expression)
 
 
+def function(arguments: str, expression: str, names: dict[str, Any] = FUNCTIONS) -> Callable[..., Any]:
+    """Compile an expression of some arguments and of functions by their names."""
+    found: Callable[..., Any] = eval(f"lambda {arguments}: {expression}", names)
+    return found
+
+
 def compiled(expressions: Sequence[str]) -> Rates:
     """Compile expressions of the time ``t``, the states ``x`` and the inputs ``u``."""
-    rates: Rates = eval(f"lambda t, x, u: [{', '.join(expressions)}]", FUNCTIONS)
-    return rates
+    return function("t, x, u", f"[{', '.join(expressions)}]")
 
 
 @dataclass(frozen=True)
