@@ -120,7 +120,8 @@ def read_recording(
         name: ColumnMap(found) if isinstance(found, str) else require_type(found, ColumnMap, f"columns: {name}")
         for name, found in (columns or {}).items()
     }
-    layout = replace(layout or Layout.of(inputs, outputs, units, model=model), maps=maps)
+    layout = layout or Layout.of(inputs, outputs, units, model=model)
+    layout = replace(layout, maps={**layout.maps, **maps})
     name, files = _run(paths_of(path, "path"), layout)
     return _recording(name, files, *_read(files, layout), layout)
 
@@ -137,7 +138,7 @@ def read_recordings(
     Each path is a file or a folder of a run; files that have all signals only together are one run. ``batch`` is the
     column of a table that names the run of each row; without it a table whose time runs back to its start holds several
     runs. They are called by the file and the batch, ``"runs 3"``."""
-    layout = replace(layout, maps=dict(columns or {}))
+    layout = replace(layout, maps={**layout.maps, **(columns or {})})
     found: list[Recording] = []
     for given in _runs([Path(p) for p in paths], layout):
         name, files = _run(given, layout)
@@ -292,8 +293,8 @@ def _recording(name: str, files: Sequence[Path], frame: pandas.DataFrame, notes:
     maps, rows = layout.maps, frame.index.to_numpy()
     missing = {n: column.missing for n, column in maps.items()}
     raw = {n: np.where(np.isin(frame[n], missing.get(n) or ()), np.nan, frame[n]) for n in frame}
-    values = {n: _map_of(n, layout, notes.called).convert(column, n, layout.units[n]) for n, column in raw.items()}
-    first = int(rows[0]) * (-1 if rows.size and rows[0] > rows[-1] else 1) if rows.size else 1
+    values = {n: _map_of(n, layout, notes).convert(column, n, layout.units[n]) for n, column in raw.items()}
+    first = 1 if not rows.size else -int(rows[0]) if rows[0] > rows[-1] else int(rows[0])
     recording = Recording(
         name=name,
         time=values["time"],
@@ -324,7 +325,7 @@ def _doubts(layout: Layout, notes: Notes) -> list[str]:
     """Ask about columns whose header has another unit than they are read in: that is given, or the model's."""
     found = []
     for name, header in notes.called.items():
-        column = _map_of(name, layout, notes.called)
+        column = _map_of(name, layout, notes)
         told, given = split_unit(header)[1], to_modelica_unit(column.unit or layout.units.get(name, ""))
         known = conversion(told, given) if told and given and told != given else None
         plain = (column.scale, column.offset) == (1.0, 0.0) and not (name == "time" and notes.origin)
@@ -333,11 +334,11 @@ def _doubts(layout: Layout, notes: Notes) -> list[str]:
     return found
 
 
-def _map_of(name: str, layout: Layout, named: Mapping[str, str]) -> ColumnMap:
+def _map_of(name: str, layout: Layout, notes: Notes) -> ColumnMap:
     """Return how a column is read: in the unit in its name where it is asked for without that."""
     column = layout.maps.get(name, ColumnMap(name))
-    called = re.fullmatch(r".*? \[(.*)\]", named.get(name, ""))
-    asked = column.unit is None and called and named[name] != column.source
+    called = re.fullmatch(r".*? \[(.*)\]", notes.called.get(name, ""))
+    asked = column.unit is None and called and notes.called[name] != column.source
     return replace(column, unit=called[1]) if asked and called else column
 
 

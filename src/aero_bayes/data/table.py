@@ -50,7 +50,7 @@ class Table:
 
     ``row`` is what a row is called, ``where`` the place of the names. ``clocks`` has the column of times of each that
     has its own; ``hint`` says what to do about a missing column, ``notes`` what of the file is not read. A table of
-    text has its first rows only, and reads ``more`` of columns."""
+    text has its first rows only, and ``more`` reads all of some columns."""
 
     path: Path
     names: Sequence[str]

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import codecs
 import csv
-import os
 import re
 import warnings
 from collections import deque
@@ -205,11 +204,9 @@ def _with_point(cell: str, thousands: bool) -> str:
 def free_memory() -> int:
     """Count the bytes that this process may still take: what the system has, and its control group's limit."""
     try:
-        free = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_AVPHYS_PAGES")
-        for line in Path("/proc/meminfo").read_text().splitlines():
-            if line.startswith("MemAvailable:"):
-                free = int(line.split()[1]) * 1024
-    except (OSError, ValueError, AttributeError):
+        lines = Path("/proc/meminfo").read_text().splitlines()
+        free = next(int(line.split()[1]) * 1024 for line in lines if line.startswith("MemAvailable:"))
+    except (OSError, ValueError, StopIteration):
         free = 1 << 30
     try:
         limit = int(Path("/sys/fs/cgroup/memory.max").read_text())
