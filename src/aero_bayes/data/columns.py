@@ -294,15 +294,11 @@ class Layout:
             if (declared := {**recording.inputs, **recording.outputs}.get(name)) is not None:
                 return declared
             variable = variables.get(name)
-            switch = (
-                {"false": 0.0, "true": 1.0, "off": 0.0, "on": 1.0}
-                if variable is not None and variable.kind == "boolean"
-                else {}
-            )
-            words = dict(variable.items) if variable is not None and variable.items else switch
-            return ColumnSpec(
-                name, known.get(name, ""), words=words, whole=variable is not None and variable.kind != "real"
-            )
+            kind = variable.kind if variable is not None else "real"
+            words = dict(variable.items) if variable is not None and variable.items else {}
+            if kind == "boolean":
+                words = words or {"false": 0.0, "true": 1.0, "off": 0.0, "on": 1.0}
+            return ColumnSpec(name, known.get(name, ""), words=words, whole=kind != "real")
 
         def columns(names: Sequence[str] | None, role: int) -> tuple[ColumnSpec, ...]:
             usual = list(roles[role][0]) or [v.name for v in roles[role][1]]
