@@ -48,7 +48,7 @@ from aero_bayes.display import join_names, parameter_lines
 from aero_bayes.errors import CannotFinishError, InputError
 from aero_bayes.estimate.calibrated_model import CalibratedModel
 from aero_bayes.estimate.crossvalidation import leave_one_recording_out
-from aero_bayes.estimate.fit import fit, fit_again
+from aero_bayes.estimate.fit import fit
 from aero_bayes.estimate.initial_states import check_plausible, screened
 from aero_bayes.estimate.other_tools import ValueTrial, trials_sentence
 from aero_bayes.estimate.residual_tests import check_residuals, reports_by_recording
@@ -190,7 +190,7 @@ def fit_job(job: Job, progress: ProgressBar, checkpoint: Checkpoint | None = Non
             f"model {job.model.name} declares no parameters to fit: name them, "
             f"e.g. [parameters.{next(iter(known), 'p')}] with free = true"
         )
-    return (fit_again if again else fit)(
+    return fit(
         job.recordings,
         job.model,
         parameters=job.parameters,
@@ -199,6 +199,7 @@ def fit_job(job: Job, progress: ProgressBar, checkpoint: Checkpoint | None = Non
         workers=job.options.workers,
         progress=progress,
         checkpoint=checkpoint,
+        explain=not again,
     )
 
 

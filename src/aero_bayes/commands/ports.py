@@ -21,7 +21,7 @@ from aero_bayes.config import load_config
 from aero_bayes.data.noise import noise_floors, output_noise_floor
 from aero_bayes.display import join_names, with_unit
 from aero_bayes.errors import InputError
-from aero_bayes.estimate.fit import fit_alone
+from aero_bayes.estimate.fit import fit
 from aero_bayes.estimate.noise import OutputNoise
 from aero_bayes.estimate.objective import Objective, objective_of
 from aero_bayes.estimate.parameters import Parameter
@@ -116,7 +116,10 @@ def _model_ports(places: LawPlaces, options: RunOptions, data: Sequence[Path]) -
     if data:
         job = open_job(data, options)
         settings = replace(fit_settings(job), method="local")
-        found = fit_alone(job.recordings, job.model, job.parameters, settings, options.seed, options.workers)
+        found = fit(
+            job.recordings, job.model, parameters=job.parameters, settings=settings, seed=options.seed,
+            workers=options.workers, explain=False,
+        )  # fmt: skip
         family = ModelicaFamily(places, options.out)
         responses, imitated = _port_responses(family, found)
         limits, shares = _limits(found, family, options.workers)

@@ -84,6 +84,7 @@ def fit(
     workers: int | None = None,
     progress: Progress | None = None,
     checkpoint: Checkpoint | Path | str | None = None,
+    explain: bool = True,
 ) -> Fit:
     """Fit a model to recordings.
 
@@ -104,6 +105,9 @@ def fit(
         far, and says so. By default a bar in a notebook, where an interrupt ends it likewise.
     checkpoint : Checkpoint or path, optional
         File to resume from and to keep up to date.
+    explain : bool
+        Whether to ask what else than the model may be behind what is left, such as a channel that was read wrongly. Of
+        a poor fit that takes about as long as the fit.
 
     Returns
     -------
@@ -130,29 +134,8 @@ def fit(
     with threadpool_limits(limits=1, user_api="blas"), watching(progress) as watched:
         cache = Checkpoint.at(checkpoint)
         request = _Request(model, parameters, settings or FitSettings(), seed, workers, watched, cache)
-        return request.fit(screened(recordings, model))
-
-
-def fit_again(
-    recordings: Sequence[Recording], model: Model, parameters: ChosenParameters, settings: FitSettings, seed: int,
-    workers: int | None, progress: Progress, checkpoint: Checkpoint | None = None,
-) -> Fit:  # fmt: skip
-    """Return a fit of recordings of which an earlier fit has asked whether they were read wrongly; see :func:`fit`."""
-    with threadpool_limits(limits=1, user_api="blas"), watching(progress) as watched:
-        request = _Request(model, parameters, settings, seed, workers, watched, checkpoint)
-        return request.finished(screened(recordings, model))
-
-
-def fit_alone(
-    recordings: Sequence[Recording], model: Model, parameters: ChosenParameters, settings: FitSettings, seed: int,
-    workers: int | None,
-) -> Fit:  # fmt: skip
-    """Return a fit without what is asked of it afterwards: whether another reading of the data explains what it leaves.
-
-    Of a poor fit that takes about as long as the fit."""
-    with threadpool_limits(limits=1, user_api="blas"):
-        request = _Request(model, parameters, settings, seed, workers, Watched(), None)
-        return request.alone(screened(recordings, model))
+        found = request.finished(screened(recordings, model))
+        return request.explained(found) if explain and not watched.asked_to_end else found
 
 
 class _Request:
@@ -193,16 +176,12 @@ class _Request:
         free, settings = chosen_parameters(model, self.chosen, self.overrides), self.settings
         return calibrate(recordings, model, free, fixed=fixed, noise=settings.noise, settings=settings.calibration)
 
-    def fit(self, recordings: Sequence[Recording]) -> Fit:
-        """Fit, and ask what else than the model may be behind what is left."""
-        found = self.finished(recordings)
-        if self.progress.asked_to_end:
-            return found
+    def explained(self, found: Fit) -> Fit:
+        """Return a fit with what else than the model may be behind what it leaves."""
         with WorkerPool(0) as pool:  # one run needs no workers, and the model is unpacked once for all
-            return self.told(found, partial(self.opened, pool=pool))
+            return self._told(found, partial(self.opened, pool=pool))
 
-    def told(self, found: Fit, here: OpenSimulator) -> Fit:
-        """Return a fit with what else may be behind what it leaves."""
+    def _told(self, found: Fit, here: OpenSimulator) -> Fit:
         problem = found.calibration
         told = with_start_finding(found, self.fitted_again, here)
         if told is found:  # a wrong start looks like a constant at a reading, too

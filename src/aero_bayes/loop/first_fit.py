@@ -18,7 +18,7 @@ from aero_bayes.data.split import Recordings
 from aero_bayes.display import SettingsDisplay
 from aero_bayes.estimate.calibration import Calibration, for_recordings
 from aero_bayes.estimate.finished_fit import finished_fit
-from aero_bayes.estimate.fit import declared_overrides, fit, fit_again
+from aero_bayes.estimate.fit import declared_overrides, fit
 from aero_bayes.estimate.global_search import GlobalSearch, GlobalSearchResult
 from aero_bayes.estimate.held_values import with_held_beside
 from aero_bayes.estimate.initial_states import with_free_starts
@@ -266,10 +266,9 @@ def first_fit(context: LoopContext, begin: Mapping[str, float]) -> FirstFit:
         chosen = declared.with_start(np.array(starts))
         how = replace(own, method=method)  # type: ignore[arg-type]
         # A fit that is given has asked of the recordings whether they were read wrongly; they carry what it found.
-        again = fit_again if begin else fit
-        return again(
+        return fit(
             recordings.fitted, model, parameters=chosen, settings=how, seed=context.seed, workers=context.pool.size,
-            progress=Watched(told),
+            progress=Watched(told), explain=not begin,
         )  # fmt: skip
 
     floors = noise_floors(recordings.everything, recordings.outputs)
