@@ -14,7 +14,7 @@ from aero_bayes.data import Recording
 from aero_bayes.errors import InputError
 from aero_bayes.estimate import CalibrationSettings, ParameterSpec, parameters_from_model
 from aero_bayes.estimate.calibration import calibrate
-from aero_bayes.estimate.simulate import moving_inputs
+from aero_bayes.estimate.interpolation import moving_inputs
 from aero_bayes.simulation.interface import Interpolation
 
 HOUSE = """model House "A room with a heater"

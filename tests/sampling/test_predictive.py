@@ -10,7 +10,7 @@ import pytest
 from facts import facts
 
 from aero_bayes.errors import CannotFinishError
-from aero_bayes.posterior.sample import posterior_predictive
+from aero_bayes.estimate.prediction import predictives
 from aero_bayes.simulation.interface import Outcome
 
 pytestmark = pytest.mark.fast
@@ -20,14 +20,9 @@ def test_draws_that_all_fail_are_one_line() -> None:
     def simulate(values: np.ndarray) -> Any:
         return SimpleNamespace(outcomes=np.full((len(values), 1), Outcome.SOLVER_FAILED), outputs=())
 
-    target = SimpleNamespace(
-        objective=SimpleNamespace(filters=False),
-        free=(0,),
-        calibration=SimpleNamespace(data=SimpleNamespace(experiments=())),
-        simulator=SimpleNamespace(simulate=simulate),
-        values=lambda coordinates: coordinates,
-        spread=None,
-    )
-    joint: Any = SimpleNamespace(target=target, layout=SimpleNamespace(unpack=lambda noise: noise[:, None]))
+    data = SimpleNamespace(experiments=(), recordings=())
+    calibration: Any = SimpleNamespace(data=data, process=None)
+    simulator: Any = SimpleNamespace(simulate=simulate)
+    draws = np.zeros((30, 4)), np.ones((30, 1, 3)), np.ones(1)
     with pytest.raises(CannotFinishError, match=facts("no draw")):
-        posterior_predictive(joint, np.zeros((30, 4)), np.ones(1), np.random.default_rng(1))
+        predictives(calibration, simulator, *draws, np.random.default_rng(1), read=())

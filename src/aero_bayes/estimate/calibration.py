@@ -172,7 +172,9 @@ MAX_STEPS_PER_CHANGE = 60
 
 @dataclass(frozen=True)
 class Calibration:
-    """One fitting problem: what was measured, a model and how it is simulated, its parameters and the noise."""
+    """One fitting problem: what was measured, a model and how it is simulated, its parameters and the noise.
+
+    ``settings`` are those by which recordings were turned into it, and by which others will be."""
 
     data: MeasuredData
     model: Model
@@ -181,6 +183,7 @@ class Calibration:
     fixed: Mapping[str, float] = field(default_factory=dict)
     solver: SolverSettings = field(default_factory=SolverSettings)
     process: ProcessNoise | None = None
+    settings: CalibrationSettings = field(default_factory=CalibrationSettings)
 
     @cached_property
     def identity(self) -> str:
@@ -249,6 +252,16 @@ def calibrate(
     outputs = _outputs(recordings, model, settings)
     if isinstance(settings.interpolation, Mapping):
         check_inputs(recordings, settings.interpolation, "interpolation")
+    found = assemble(recordings, model, parameters, fixed, noise, replace(settings, outputs=outputs))
+    return replace(found, settings=settings)
+
+
+def assemble(
+    recordings: Sequence[Recording], model: Model, parameters: ParameterSet, fixed: Mapping[str, float] | None,
+    noise: NoiseModel, settings: CalibrationSettings,
+) -> Calibration:  # fmt: skip
+    """Return :func:`calibrate` for recordings that are known to belong to the model, and perhaps have no readings."""
+    outputs = settings.outputs or ()
     parameters = for_recordings(with_started_states(parameters, model), model, recordings)
     floors: dict[str, float] = {}
     at_rest = model.declared.recording.zero_at_rest
@@ -274,7 +287,9 @@ def calibrate(
         floors,
     )
     data = data.with_known_noise(noise) if noise.sd else data
-    found = Calibration(data, model, parameters.extended(new), noise, dict(fixed or {}), settings.solver)
+    found = Calibration(
+        data, model, parameters.extended(new), noise, dict(fixed or {}), settings.solver, settings=settings
+    )
     return found.with_process_noise(noise) if noise.process else found
 
 

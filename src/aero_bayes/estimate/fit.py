@@ -27,6 +27,7 @@ from aero_bayes.estimate.held_starts import with_start_finding
 from aero_bayes.estimate.held_values import with_held_beside
 from aero_bayes.estimate.initial_states import screened
 from aero_bayes.estimate.input_noise import with_input_noise
+from aero_bayes.estimate.interpolation import choose_interpolation
 from aero_bayes.estimate.levenberg_marquardt import FitSettings
 from aero_bayes.estimate.local_fit import OpenSimulator, Optimum
 from aero_bayes.estimate.misread import with_misread_finding
@@ -38,7 +39,6 @@ from aero_bayes.estimate.outliers import choose_spreads, is_correlated, refit_wi
 from aero_bayes.estimate.parameters import ChosenParameters, ParameterSet, ParameterSpec, chosen_parameters
 from aero_bayes.estimate.priors import LogNormal
 from aero_bayes.estimate.result import Fit
-from aero_bayes.estimate.simulate import choose_interpolation
 from aero_bayes.estimate.simulation_error import sharper_model, with_simulation_error
 from aero_bayes.parallel import ParallelMap, Task
 from aero_bayes.progress import Progress, Watched, watching

@@ -3,27 +3,28 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from aero_bayes.arrays import FloatArray
 from aero_bayes.data.recording import Recording
-from aero_bayes.display import parameter_lines, table_html
+from aero_bayes.display import join_names, parameter_lines, table_html
 from aero_bayes.errors import CannotFinishError, InputError
 from aero_bayes.estimate.calibration import Calibration
 from aero_bayes.estimate.identifiability import Estimate
 from aero_bayes.estimate.noise import OutputNoise
 from aero_bayes.estimate.noise_estimation import reading_log_density
-from aero_bayes.estimate.simulate import as_recording, run_filter, run_problem
+from aero_bayes.estimate.simulate import as_recording, on_recordings, opener
 from aero_bayes.estimate.target import NoiseLayout
 from aero_bayes.figures import describe_figure_parameters, drawn
 from aero_bayes.plain import plain
-from aero_bayes.simulation.interface import Filtered, Outcome
+from aero_bayes.simulation.interface import Outcome, Simulator
 from aero_bayes.simulation.model import Model
+from aero_bayes.simulation.native_simulator import NativeSimulator
 from aero_bayes.unknown_names import known_names_hint
 
 if TYPE_CHECKING:
@@ -75,20 +76,18 @@ def _noise_draws(rng: np.random.Generator, time: FloatArray, noise: FloatArray) 
     return np.asarray(out + white[:, None] * rng.standard_normal(out.shape))
 
 
-def predict_from_outputs(
+def _predict_from_outputs(
     time: FloatArray, outputs: NDArray[np.float32], noise: FloatArray, density: FloatArray, factors: FloatArray,
-    rng: np.random.Generator, stored: int, blocks: int,
+    rng: np.random.Generator, blocks: int,
 ) -> Predictive:  # fmt: skip
     """Predict readings from simulated outputs (k, n, m), noise triples (k, m, 3) and densities of blocks (k, b)."""
     sd = np.hypot(noise[:, np.newaxis, :, 0], noise[:, np.newaxis, :, 1])
-    return _summarise(
-        time, outputs, sd, lambda rows: _noise_draws(rng, time[rows], noise), density, factors, stored, blocks
-    )
+    return _summarise(time, outputs, sd, lambda rows: _noise_draws(rng, time[rows], noise), density, factors, blocks)
 
 
-def predict_from_filter(
+def _predict_from_filter(
     time: FloatArray, measured: FloatArray, predicted: FloatArray, variance: FloatArray, factors: FloatArray,
-    rng: np.random.Generator, stored: int, blocks: int,
+    rng: np.random.Generator, blocks: int,
 ) -> Predictive:  # fmt: skip
     """Predict readings from a filter's predictions (k, n, m) of independent readings, and their variances."""
     density = np.nansum(-0.5 * ((measured - predicted) ** 2 / variance + np.log(2.0 * np.pi * variance)), axis=2)
@@ -96,7 +95,7 @@ def predict_from_filter(
     sd = np.sqrt(variance)
     return _summarise(
         time, predicted.astype(np.float32), sd, lambda rows: sd[:, rows] * rng.standard_normal(sd[:, rows].shape),
-        np.add.reduceat(density, bounds[:-1], axis=1), factors, stored, blocks,
+        np.add.reduceat(density, bounds[:-1], axis=1), factors, blocks,
     )  # fmt: skip
 
 
@@ -107,7 +106,6 @@ def _summarise(
     noise: Callable[[NDArray[np.int64]], FloatArray],
     density: FloatArray,
     factors: FloatArray,
-    stored: int,
     blocks: int,
 ) -> Predictive:
     """Summarise readings by bands and draws."""
@@ -122,7 +120,7 @@ def _summarise(
         centre = part.mean(axis=0)
         median[first : first + 4000] = centre
         lower[first : first + 4000], upper[first : first + 4000] = centre - spread, centre + spread
-    chosen = np.unique(np.linspace(0, n - 1, min(stored, n)).astype(np.int64))
+    chosen = np.unique(np.linspace(0, n - 1, min(_STORED, n)).astype(np.int64))
     draws = outputs[:, chosen].astype(np.float64) + noise(chosen)
     bounds = edges(n, blocks)
     return Predictive(
@@ -131,8 +129,61 @@ def _summarise(
     )  # fmt: skip
 
 
-#: Sample times of which whole draws are kept, and blocks of time whose density is given.
-_STORED, _BLOCKS = 600, 60
+#: Sample times of which whole draws are kept, and draws that are simulated at a time.
+_STORED, _AT_ONCE = 600, 25
+#: Blocks of time whose density is given of one prediction.
+_BLOCKS = 60
+
+
+def predictives(
+    calibration: Calibration, simulator: Simulator, values: FloatArray, noise: FloatArray, factors: FloatArray,
+    rng: np.random.Generator, *, read: Sequence[FloatArray], blocks: int = _BLOCKS, likely: FloatArray | None = None,
+) -> tuple[Predictive, ...]:  # fmt: skip
+    """Predict readings of each recording of a calibration from draws: SI values (k, p) and noise triples (k, m, 3).
+
+    ``read`` (n, m) is what was read of each. ``likely`` (k, p) are the values at which the likelihood is taken, where
+    it was widened. With process noise the filter of each draw predicts each reading of an experiment from all before
+    it. Draws that fail are left out."""
+    times = [e.time for e in calibration.data.experiments]
+    if calibration.process is not None:
+        found = cast(NativeSimulator, simulator).filter(values)
+        good = np.all(found.outcomes == Outcome.OK, axis=1)
+        if good.any():
+            return tuple(
+                _predict_from_filter(time, y, predicted[good], variance[good], factors, rng, blocks)
+                for time, y, predicted, variance in zip(times, read, found.predicted, found.variance, strict=True)
+            )
+    elif chunks := list(_simulated(simulator, times, read, values, noise, likely, blocks)):
+        sd = np.concatenate([kept for kept, _, _ in chunks])
+        return tuple(
+            _predict_from_outputs(
+                time, np.concatenate([y[e] for _, y, _ in chunks]), sd,
+                np.concatenate([density[e] for _, _, density in chunks]), factors, rng, blocks,
+            )
+            for e, time in enumerate(times)
+        )  # fmt: skip
+    names = join_names([recording.name for recording in calibration.data.recordings])
+    raise CannotFinishError(f"no draw of the posterior could be simulated over {names}")
+
+
+def _simulated(
+    simulator: Simulator, times: Sequence[FloatArray], read: Sequence[FloatArray], values: FloatArray,
+    noise: FloatArray, likely: FloatArray | None, blocks: int,
+) -> Iterator[tuple[FloatArray, list[NDArray[np.float32]], list[FloatArray]]]:  # fmt: skip
+    """Noise, outputs and log-densities by block of some draws at a time, the latter two by recording."""
+    for first in range(0, len(values), _AT_ONCE):
+        rows = np.arange(first, min(first + _AT_ONCE, len(values)))
+        run = other = simulator.simulate(values[rows])
+        if likely is not None:
+            other = simulator.simulate(likely[rows])
+        good = np.all((run.outcomes == Outcome.OK) & (other.outcomes == Outcome.OK), axis=1)
+        if good.any():
+            kept = noise[rows[good]]
+            densities = [
+                np.add.reduceat(recording_log_density(time, y - at[good], kept), edges(time.size, blocks)[:-1], axis=1)
+                for time, y, at in zip(times, read, other.outputs, strict=True)
+            ]
+            yield kept, [y[good].astype(np.float32) for y in run.outputs], densities
 
 
 @dataclass(frozen=True, eq=False)
@@ -248,28 +299,21 @@ class FittedPredictor:
         workers: int | None = 0,
     ) -> RecordingPrediction:
         """Predict readings of a recording for draws of free and noise parameters."""
-        calibration, outputs = self.calibration, self.calibration.data.outputs
-        recording = as_recording(inputs, calibration)
-        values = np.tile(self.values, (len(points), 1))
-        values[:, list(self.free)] = points[:, : len(self.free)]
-        run = run_filter if calibration.process is not None else run_problem
-        found = run(calibration, recording, values, workers=workers, engine=self.engine)
-        good = found.outcomes[:, 0] == Outcome.OK
-        if not good.any():
-            raise CannotFinishError(f"no draw of the posterior could be simulated over {recording.name}")
-        unread = np.full(recording.rows, np.nan)
-        measured = np.column_stack([recording.outputs.get(o, unread) for o in outputs])
-        rng, time = np.random.default_rng(seed), recording.time
-        if isinstance(found, Filtered):
-            y, variance = found.predicted[0][good], found.variance[0][good]
-            part = predict_from_filter(time, measured, y, variance, self.band_factors, rng, _STORED, _BLOCKS)
-        else:
-            noise = NoiseLayout.of(calibration.data, self.noise).unpack(np.log(points[:, len(self.free) :]))[good, 0]
-            density = recording_log_density(time, measured - found.outputs[0][good], noise)
-            density = np.add.reduceat(density, edges(recording.rows, _BLOCKS)[:-1], axis=1)
-            y32 = found.outputs[0][good].astype(np.float32)
-            part = predict_from_outputs(time, y32, noise, density, self.band_factors, rng, _STORED, _BLOCKS)
-        return RecordingPrediction(calibration.model, recording, outputs, part)
+        calibration, free = self.calibration, len(self.free)
+        recording, opened = as_recording(inputs, calibration), opener(self.engine, workers)
+        values = np.tile(self.values, (1 + len(points), 1))
+        values[1:, list(self.free)] = points[:, :free]
+        whole, rows = on_recordings(calibration, values, [recording], self.noise, opened)
+        noise, read = np.empty((len(points), 0, 3)), whole.data.measured
+        if calibration.process is None:
+            noise = NoiseLayout.of(calibration.data, self.noise).unpack(np.log(points[:, free:]))[:, 0]
+        else:  # its filter is not told the readings
+            blind = (replace(e, measured=None) for e in whole.data.experiments)
+            whole = replace(whole, data=whole.data.with_experiments(blind))
+        rng = np.random.default_rng(seed)
+        with opened(whole.problem()) as simulator:
+            (part,) = predictives(whole, simulator, rows[1:], noise, self.band_factors, rng, read=read)
+        return RecordingPrediction(calibration.model, recording, calibration.data.outputs, part)
 
 
 class FittedResult(ABC):

@@ -335,8 +335,8 @@ class Fit(OtherTools, HasPage):
         inputs : Recording or mapping of str to array_like, shape (n,)
             A recording, whose readings only give its initial values; or ``time`` in s and every input in its SI unit. A
             recording that was fitted keeps its own delay and start. Another one takes the mean delay of those that
-            were, and starts at its own first readings, off by as much as theirs were; without readings, where the
-            model starts.
+            were, and starts at its own first readings, off by as much as theirs were, or where the fit estimates the
+            initial state, as its own beginning tells; without readings, where the model starts.
         parameters : mapping of str to float, optional
             Other values of parameters of the model, in SI units.
         start : mapping of str to float, optional
@@ -362,8 +362,9 @@ class Fit(OtherTools, HasPage):
         (201, ['position'])
         """
         return simulate(
-            self.calibration, self.values, inputs, parameters=parameters, start=start, engine=self.settings.engine
-        )
+            self.calibration, self.values, inputs, self.noise, parameters=parameters, start=start,
+            engine=self.settings.engine,
+        )  # fmt: skip
 
     @cached_property
     def predictor(self) -> FittedPredictor:

@@ -1,14 +1,15 @@
-"""Runs of a fitted model on other inputs, and what inputs do between samples.
+"""A fitted model over whole recordings: the one rule for those that were not fitted.
 
-A recording that was not fitted takes delay and initial state from those that were."""
+They are read as they would be for a fit. What each recording has alone follows the fitted ones: a delay is their mean,
+an initial value is its own first reading, off it by as much as theirs were. Where a fit estimates the initial state,
+that of another recording is estimated, too: from its beginning, with all else held."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
-from typing import cast
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -16,138 +17,114 @@ from numpy.typing import ArrayLike
 from aero_bayes.arrays import FloatArray
 from aero_bayes.data.initial_level import InitialLevel, initial_level
 from aero_bayes.data.noise import output_noise_floor
-from aero_bayes.data.recording import Recording, to_experiment
+from aero_bayes.data.recording import Recording
 from aero_bayes.errors import CannotFinishError, InputError
-from aero_bayes.estimate import swarm as pso
-from aero_bayes.estimate.calibration import Calibration
-from aero_bayes.estimate.global_search import GlobalSearch, GlobalSearchResult
-from aero_bayes.estimate.initial_states import first_reading_of, in_units_of, starts_as_fixed, state_of
-from aero_bayes.estimate.local_fit import GOOD_FIT_RATIO, OpenSimulator, Optimum, floor_ratio
-from aero_bayes.estimate.measured_data import MeasuredData
+from aero_bayes.estimate.calibration import Calibration, assemble, templates
+from aero_bayes.estimate.initial_states import in_units_of, state_of, with_free_starts
+from aero_bayes.estimate.interpolation import first_moves_in, interpolation_for, with_interpolation
+from aero_bayes.estimate.local_fit import LocalFitSettings, OpenSimulator, local_fit
+from aero_bayes.estimate.noise import NoiseModel, OutputNoise
+from aero_bayes.estimate.objective import objective_of
+from aero_bayes.estimate.parameters import ParameterSet
 from aero_bayes.simulation.engines import open_simulator
 from aero_bayes.simulation.interface import (
-    Filtered,
-    Interpolation,
+    DelayTarget,
     Outcome,
     ParameterTarget,
     Problem,
     ProblemTarget,
+    Simulator,
     StartTarget,
-    Trajectories,
 )
 from aero_bayes.simulation.model import Model
-from aero_bayes.simulation.native_simulator import NativeSimulator
 
-#: Least share of an input's changes that follow another change at once, for linear interpolation to make sense.
-MIN_FOLLOWING_SHARE = 0.5
-#: Gain in log-likelihood at which another interpolation of an input is preferred.
-MIN_LOG_LIKELIHOOD_GAIN = 10.0
-
-
-def moving_inputs(recording: Recording, model: Model) -> tuple[str, ...]:
-    """List inputs that may be linear between the samples of a recording: most changes follow another at once."""
-    discrete = {variable.name for variable in model.inputs if variable.discrete}
-    moving = []
-    for name, values in recording.inputs.items():
-        changed = np.diff(values) != 0.0
-        if name not in discrete and (changed[1:] & changed[:-1]).sum() > MIN_FOLLOWING_SHARE * changed.sum():
-            moving.append(name)
-    return tuple(moving)
+#: Share of the information on its initial states that the beginning of a recording holds, from which they are
+#: estimated, and the most of its readings that this may be.
+START_INFORMATION, MOST_FOR_STARTS = 0.95, 0.5
+#: Samples of a recording that is not looked at, and fewest that tell its initial states.
+FIRST_ROWS = 20
 
 
-def _moving_anywhere(calibration: Calibration) -> list[str]:
-    names = (name for r in calibration.data.recordings for name in moving_inputs(r, calibration.model))
-    return list(dict.fromkeys(names))
+def on_recordings(
+    calibration: Calibration, values: FloatArray, recordings: Sequence[Recording], noise: Mapping[str, OutputNoise],
+    open_simulator: OpenSimulator, *, every: bool = False,
+) -> tuple[Calibration, FloatArray]:  # fmt: skip
+    """Return a calibration on whole recordings, and its values there (n, q) for SI values (n, p), the fit's first.
+
+    One that was fitted, as its hash tells, keeps its own values. Of another one not only the initial state is estimated
+    but ``every`` value that it has alone, where the question is how well it is predicted by what all have in common."""
+    known = [r.sha256 for r in calibration.data.recordings]
+    fitted = [known.index(r.sha256) if r.sha256 in known else None for r in recordings]
+    whole = read_whole(calibration, recordings, calibration.parameters, calibration.model)
+    rows = values_there(calibration, values, whole, fitted)
+    new = [k for k, index in enumerate(fitted) if index is None]
+    whole = as_inputs_move(whole, calibration, rows[0], new, open_simulator)
+    starts = (
+        [j for j, p in enumerate(whole.parameters) if p.recording in new] if every else starts_to_estimate(whole, new)
+    )
+    lengths = [r.rows if k in new else FIRST_ROWS for k, r in enumerate(recordings)]
+    found = with_estimated_starts(whole, rows[0], starts, lengths, new, noise, open_simulator)
+    return whole, rows + (found - rows[0])
 
 
-def with_interpolation(
-    calibration: Calibration, interpolation: Mapping[str, Interpolation], only: Collection[int] | None = None
+def read_whole(
+    calibration: Calibration, recordings: Sequence[Recording], parameters: ParameterSet, model: Model
 ) -> Calibration:
-    """Return the calibration with another interpolation of some of its inputs, in some of its recordings.
-
-    Each recording is looked at by itself: what was commanded in steps in one of them holds there."""
-    at_rest = calibration.model.declared.recording.zero_at_rest
-    data = calibration.data
-    experiments = list(data.experiments)
-    for k, recording in enumerate(data.recordings):
-        if only is None or k in only:
-            now = {signal.name: signal.interpolation for signal in experiments[k].inputs}
-            moving = moving_inputs(recording, calibration.model)
-            wanted = now | {n: how if n in moving else "hold" for n, how in interpolation.items()}
-            again = to_experiment(recording, (), zero_at_rest=at_rest, interpolation=wanted)
-            experiments[k] = replace(experiments[k], inputs=again.inputs)
-    return replace(calibration, data=data.with_experiments(experiments))
-
-
-def interpolation_for(recording: Recording, data: MeasuredData, model: Model) -> dict[str, Interpolation]:
-    """Return what the inputs of a recording that was not fitted do between its samples.
-
-    An input that is linear in the fitted data holds where it jumps now and then, unless it was linear there, too."""
-    moving = set(moving_inputs(recording, model))
-    for experiment, fitted in zip(data.experiments, data.recordings, strict=True):
-        linear = {signal.name for signal in experiment.inputs if signal.interpolation == "linear"}
-        moving |= linear - set(moving_inputs(fitted, model))
-    return {name: how if name in moving else "hold" for name, how in data.interpolation.items()}
+    """Return what was fitted on whole recordings, each with its own delay and initial values, and all its readings."""
+    delay = next((p for p in calibration.parameters if p.target == DelayTarget() and p.recording is not None), None)
+    settings = replace(
+        calibration.settings, outputs=calibration.data.outputs, most_readings=None, keep_standstill_readings=True,
+        interpolation=calibration.data.interpolation, solver=calibration.solver,
+        delay="none" if delay is None else "free",
+        max_input_delay=None if delay is None else delay.upper or delay.lower,
+    )  # fmt: skip
+    named = [replace(r, name=f"{r.name}#{k}") for k, r in enumerate(recordings)]
+    known = {v.name for v in model.parameters}
+    fixed = {name: value for name, value in calibration.fixed.items() if name in known}
+    noise = replace(calibration.noise, sd={}) if calibration.process is not None else NoiseModel()
+    shared = ParameterSet(tuple(templates(parameters)))
+    found = assemble(named, model, shared, fixed, noise, settings)
+    found = replace(found, settings=calibration.settings)
+    return replace(found, parameters=with_free_starts(found.parameters, found.data.experiments, model))
 
 
-def first_moves_in(calibration: Calibration, fitted: int) -> tuple[list[str], list[int]]:
-    """Return inputs that move in recordings that were not fitted only, of which no fit tells; and these recordings."""
-    moving = [set(moving_inputs(r, calibration.model)) for r in calibration.data.recordings]
-    known = set[str]().union(*moving[:fitted])
-    where = [k for k, names in enumerate(moving) if k >= fitted and names - known]
-    return sorted(set[str]().union(*moving[fitted:]) - known), where
+def values_there(
+    calibration: Calibration, values: FloatArray, whole: Calibration, fitted: Sequence[int | None]
+) -> FloatArray:
+    """SI values (n, q) of the parameters of ``whole`` where those of a calibration are ``values`` (n, p).
+
+    ``fitted`` says which of the fitted recordings each one of ``whole`` is, if it is one."""
+    parameters, recordings = calibration.parameters, whole.data.recordings
+    shared = {p.name: values[:, j] for j, p in enumerate(parameters) if p.recording is None}
+    own: dict[tuple[int | None, ProblemTarget], FloatArray] = {
+        (k, p.target): values[:, j] for j, p in enumerate(parameters) if p.recording is not None
+        for k in (p.recording, *p.shared_with)
+    }  # fmt: skip
+    follow = _typical(calibration, values)
+    columns = []
+    for p in whole.parameters:
+        value = shared.get(p.name) if p.recording is None else own.get((fitted[p.recording], p.target))
+        if value is None:
+            value = np.full(len(values), p.start)
+            if p.recording is not None:
+                recording = recordings[p.recording]
+                first = first_reading(recording, p.target, whole)
+                # Without any reading a state starts where the model does.
+                off = {} if isinstance(p.target, StartTarget) and not recording.outputs else follow
+                value = off.get(p.target, value) if first is None else first.level + off.get(p.target, 0.0 * value)
+            value = np.clip(value, p.lower, p.upper)
+        columns.append(value)
+    return np.column_stack(columns) if columns else np.empty((len(values), 0))
 
 
-def choose_interpolation(
-    search: GlobalSearch, result: GlobalSearchResult, open_simulator: OpenSimulator, rng: np.random.Generator
-) -> tuple[Calibration, Optimum] | None:
-    """Choose the likelier interpolation of each input, hold or linear; None if no input changes.
-
-    With inputs that hold, a fit can have a wrong optimum, such as a resonance above the Nyquist frequency that appears
-    at the samples as an alias below it."""
-    before, here = search.objective.calibration, result.optimum
-    moving = _moving_anywhere(before)
-    if not moving:
-        return None
-    linear = with_interpolation(before, dict.fromkeys(moving, "linear"))
-    # It may be at a wrong optimum: the other interpolation then starts anew.
-    far = floor_ratio(search.objective, here.evaluation.residual) > GOOD_FIT_RATIO
-    found = _better_fit(search, here, linear, open_simulator, (rng, result.swarm) if far else None)
-    best, here = (before, here) if found is None else (linear, found)
-    for name in moving if len(moving) > 1 else ():
-        other = with_interpolation(best, {name: "hold" if best.data.interpolation[name] == "linear" else "linear"})
-        found = _better_fit(search, here, other, open_simulator)
-        best, here = (best, here) if found is None else (other, found)
-    return None if best is before else (best, here)
-
-
-def _better_fit(
-    search: GlobalSearch, here: Optimum, other: Calibration, open_simulator: OpenSimulator,
-    anew: tuple[np.random.Generator, pso.SwarmResult | None] | None = None,
-) -> Optimum | None:  # fmt: skip
-    """Return the best fit of another calibration if it is likelier.
-
-    From a known optimum, and from the start if ``anew``."""
-    enough = here.log_likelihood + MIN_LOG_LIKELIHOOD_GAIN
-    with open_simulator(other.problem()) as simulator:
-        study = search.objective.with_calibration(other, simulator)
-        if anew is not None:
-            with suppress(CannotFinishError):
-                found = GlobalSearch(study, search.settings).run(here.free, open_simulator, *anew).optimum
-                if found.log_likelihood > enough:
-                    return found
-        found = GlobalSearch(study, search.settings).refit(here.coordinates, here.free, here.noise)
-    return found if found.log_likelihood > enough else None
-
-
-def typical(
-    calibration: Calibration, values: FloatArray, recordings: Sequence[Recording]
-) -> dict[ProblemTarget, FloatArray]:
-    """Compute the mean over the fitted recordings of what belongs to each alone."""
+def _typical(calibration: Calibration, values: FloatArray) -> dict[ProblemTarget, FloatArray]:
+    """Compute the mean over the fitted recordings of what belongs to each alone; of a start that is read, how far off
+    the first reading it is."""
     found: dict[ProblemTarget, list[tuple[FloatArray, float]]] = {}
     for j, p in enumerate(calibration.parameters):
         if p.recording is not None:
-            first = first_reading(recordings[p.recording], p.target, calibration) or InitialLevel(0.0, 0.0)
+            recording = calibration.data.recordings[p.recording]
+            first = first_reading(recording, p.target, calibration) or InitialLevel(0.0, 0.0)
             found.setdefault(p.target, []).append((values[..., j] - first.level, first.sd))
     return {target: _beyond_noise(parts) for target, parts in found.items()}
 
@@ -163,7 +140,11 @@ def _beyond_noise(parts: Sequence[tuple[FloatArray, float]]) -> FloatArray:
 
 def first_reading(recording: Recording, target: ProblemTarget, calibration: Calibration) -> InitialLevel | None:
     """Return what a state was read as at the beginning of a recording; None for what is no start, or was not read."""
-    started = _started(target, calibration)
+    started = (
+        (target.state,)
+        if isinstance(target, StartTarget)
+        else next((p.starts for p in calibration.parameters if p.target == target), ())
+    )
     if not started:
         return None
     states = {o: s.name for o in calibration.data.outputs if (s := state_of(calibration.model, o)) is not None}
@@ -173,31 +154,127 @@ def first_reading(recording: Recording, target: ProblemTarget, calibration: Cali
     return initial_level(values, recording.time, output_noise_floor(recording, output).sd or 0.0)
 
 
-def _started(target: ProblemTarget, calibration: Calibration) -> tuple[str, ...]:
-    """Return the states whose initial value a target is."""
-    if isinstance(target, StartTarget):
-        return (target.state,)
-    return next((p.starts for p in calibration.parameters if p.target == target), ())
+def as_inputs_move(
+    whole: Calibration, calibration: Calibration, row: FloatArray, new: Collection[int], open_simulator: OpenSimulator
+) -> Calibration:
+    """Return a calibration on whole recordings with the inputs of each read as they move in it, if that is left to the
+    data.
+
+    Where an input moves in ``new`` recordings only, the reading that predicts the better is taken."""
+    if calibration.settings.interpolation != "auto":
+        return whole
+    for k, recording in enumerate(whole.data.recordings):
+        whole = with_interpolation(whole, interpolation_for(recording, calibration.data, calibration.model), {k})
+    names, where = first_moves_in(calibration, {k: whole.data.recordings[k] for k in new})
+    if not names:
+        return whole
+    linear = with_interpolation(whole, dict.fromkeys(names, "linear"), where)
+    errors = []
+    for one in (whole, linear):
+        with open_simulator(one.problem()) as simulator:
+            found = simulator.simulate(row[np.newaxis]).outputs
+        left = [np.nanmean((y - f[0]) ** 2, axis=0) for y, f in zip(one.data.measured, found, strict=True)]
+        errors.append([float(np.nansum(np.log(np.maximum(squares, 1e-300)))) for squares in left])
+    better = {k for k in where if errors[1][k] < errors[0][k]}
+    return with_interpolation(whole, dict.fromkeys(names, "linear"), better)
+
+
+def starts_to_estimate(
+    whole: Calibration, new: Collection[int], *, every: bool = False, also: Collection[str] = ()
+) -> list[int]:
+    """Columns of the initial values of ``new`` recordings that are estimated: where a fit does so, or of ``every`` one.
+
+    So are those that are named ``also``. A recording without readings starts where the model does."""
+    every = every or (whole.settings.initial_states == "estimated" and whole.process is None)
+    read = [bool(np.isfinite(y).any()) for y in whole.data.measured]
+    return [
+        j for j, p in enumerate(whole.parameters)
+        if p.recording is not None and p.recording in new and read[p.recording]
+        and ((every and (isinstance(p.target, StartTarget) or p.starts)) or p.name in also)
+    ]  # fmt: skip
+
+
+def with_estimated_starts(
+    whole: Calibration, row: FloatArray, starts: Sequence[int], rows: Sequence[int], short: Collection[int],
+    noise: Mapping[str, OutputNoise], open_simulator: OpenSimulator,
+) -> FloatArray:  # fmt: skip
+    """Values (q,) with initial values, some columns, estimated from the first ``rows`` samples of each recording.
+
+    Of ``short`` ones only from as many as hold most of the information on them."""
+    if not starts:
+        return row
+    at = whole.parameters.to_search(row)
+    if short:
+        rows = _informative_rows(beginnings(whole, rows), at, starts, rows, short, open_simulator)
+    beginning = beginnings(whole, rows)
+    with open_simulator(beginning.problem()) as simulator, suppress(CannotFinishError):
+        objective = objective_of(beginning, simulator)
+        end = local_fit(objective, at, starts, noise=noise, settings=LocalFitSettings(hold_noise=True))
+        return whole.parameters.from_search(end.coordinates)
+    return row
+
+
+def _informative_rows(
+    whole: Calibration, at: FloatArray, starts: Sequence[int], rows: Sequence[int], short: Collection[int],
+    open_simulator: OpenSimulator,
+) -> list[int]:  # fmt: skip
+    """Samples of each recording, of the ``short`` ones those that hold most of the information on initial values."""
+    with open_simulator(whole.problem()) as simulator:
+        objective = objective_of(whole, simulator)
+        found, kept = objective.evaluate(at, starts), list(rows)
+    for k in short:
+        least = FIRST_ROWS
+        for series, slopes in zip(objective.series, (found.slopes or ()) if found else (), strict=False):
+            if series.experiment == k:
+                seen = np.cumsum(slopes**2, axis=1)
+                enough = np.argmax(seen >= START_INFORMATION * seen[:, -1:], axis=1)
+                least = max(least, int(series.sampling.index[enough.max(initial=0)]) + 1)
+        kept[k] = min(least, max(int(MOST_FOR_STARTS * rows[k]), FIRST_ROWS))
+    return kept
+
+
+def beginnings(whole: Calibration, rows: Sequence[int]) -> Calibration:
+    """The calibration on the first ``rows`` samples of each recording."""
+    experiments = (e.at_samples(slice(n)) for e, n in zip(whole.data.experiments, rows, strict=True))
+    return replace(whole, data=whole.data.with_experiments(experiments))
+
+
+def opener(engine: str, workers: int | None = 0) -> Callable[[Problem], Simulator]:
+    """Return what opens simulators of the engine by which a fit was made; its results are the same by any of C."""
+    return lambda problem: open_simulator(problem, "fmpy" if engine == "fmpy" else "native", workers)
 
 
 def simulate(
-    calibration: Calibration,
-    values: FloatArray,
-    inputs: Recording | Mapping[str, ArrayLike],
-    *,
-    parameters: Mapping[str, float] | None = None,
-    start: Mapping[str, float] | None = None,
-    engine: str = "native",
-) -> Recording:
+    calibration: Calibration, values: FloatArray, inputs: Recording | Mapping[str, ArrayLike],
+    noise: Mapping[str, OutputNoise], *, parameters: Mapping[str, float] | None = None,
+    start: Mapping[str, float] | None = None, engine: str = "native",
+) -> Recording:  # fmt: skip
     """Simulate a model with fitted values (p,) on inputs; :meth:`aero_bayes.Fit.simulate` says how."""
-    recording = as_recording(inputs, calibration)
-    found = run_problem(calibration, recording, values[np.newaxis], parameters=parameters, start=start, engine=engine)
+    recording, model = as_recording(inputs, calibration), calibration.model
+    whole, rows = on_recordings(calibration, values[np.newaxis], [recording], noise, opener(engine))
+    columns: dict[ProblemTarget, FloatArray] = {p.target: rows[:, j] for j, p in enumerate(whole.parameters)}
+    (experiment,), fixed = whole.data.experiments, dict(whole.fixed)
+    for name, value in (parameters or {}).items():
+        model.parameter(name)
+        if not math.isfinite(value):
+            raise InputError(f"parameter {name} is {value}, which is no finite number")
+        columns.pop(ParameterTarget(name), None)
+        fixed[name] = float(value)
+    for name, value in (start or {}).items():
+        state = model.states[model.state_index(name)].name
+        columns.pop(StartTarget(state), None)
+        experiment = replace(experiment, start={**experiment.start, state: float(value)})
+    kept = {name: value for name, value in experiment.known.items() if name not in (parameters or {})}
+    experiment = replace(experiment, known=kept)
+    problem = replace(whole.problem(), experiments=(experiment,), targets=(tuple(columns),), fixed=fixed)
+    with opener(engine)(problem) as simulator:
+        found = simulator.simulate(np.column_stack(list(columns.values())) if columns else np.empty((1, 0)))
     outcome = Outcome(int(found.outcomes[0, 0]))
     if outcome is not Outcome.OK:
-        raise CannotFinishError(f"{calibration.model.name} could not be simulated: {outcome.text}")
-    variables = {v.name: v.unit for v in (*calibration.model.inputs, *calibration.model.outputs)}
+        raise CannotFinishError(f"{model.name} could not be simulated: {outcome.text}")
+    units = {v.name: v.unit for v in (*model.inputs, *model.outputs)}
     outputs = {name: found.outputs[0][0, :, k].copy() for k, name in enumerate(calibration.data.outputs)}
-    return Recording(f"{recording.name} (simulated)", recording.time, recording.inputs, outputs, variables)
+    return Recording(f"{recording.name} (simulated)", recording.time, recording.inputs, outputs, units)
 
 
 def as_recording(inputs: Recording | Mapping[str, ArrayLike], calibration: Calibration) -> Recording:
@@ -222,94 +299,3 @@ def as_recording(inputs: Recording | Mapping[str, ArrayLike], calibration: Calib
     if missing := sorted(driven - set(inputs.inputs)):
         raise InputError(f"{inputs.name}: input {missing[0]} is missing, which the fit was driven by")
     return inputs
-
-
-def run_problem(
-    calibration: Calibration,
-    recording: Recording,
-    values: FloatArray,
-    *,
-    parameters: Mapping[str, float] | None = None,
-    start: Mapping[str, float] | None = None,
-    workers: int | None = 0,
-    engine: str = "native",
-) -> Trajectories:
-    """Simulate a calibration's model over a recording's times for many parameter vectors."""
-    problem, matrix = _problem(calibration, recording, values, parameters or {}, start or {})
-    with open_simulator(problem, "fmpy" if engine == "fmpy" else "native", workers) as simulator:
-        return simulator.simulate(matrix)
-
-
-def run_filter(
-    calibration: Calibration, recording: Recording, values: FloatArray, *, workers: int | None = 0,
-    engine: str = "native",
-) -> Filtered:  # fmt: skip
-    """Return what a calibration with process noise predicts of a recording, whose readings it is not told.
-
-    The parameters are those of :func:`run_problem`."""
-    problem, matrix = _problem(calibration, recording, values, {}, {})
-    with open_simulator(problem, "fmpy" if engine == "fmpy" else "native", workers) as simulator:
-        return cast(NativeSimulator, simulator).filter(matrix)
-
-
-def _problem(
-    calibration: Calibration, recording: Recording, values: FloatArray, parameters: Mapping[str, float],
-    start: Mapping[str, float],
-) -> tuple[Problem, FloatArray]:  # fmt: skip
-    """Return a calibration's problem over a recording's times, and the values of its columns."""
-    own = next((k for k, r in enumerate(calibration.data.recordings) if r.sha256 == recording.sha256), None)
-    between = interpolation_for(recording, calibration.data, calibration.model)
-    known = {name: value for name, value in recording.known.items() if name not in parameters}
-    like = calibration.data.experiments[own or 0]
-    experiment = replace(
-        to_experiment(recording, [], interpolation=between), outputs=calibration.data.outputs, measured=None,
-        spread=None, known=known, start_sd=like.start_sd,
-        start=like.start if own is not None else _first_readings(recording, calibration),
-    )  # fmt: skip
-    columns = _columns(calibration, recording, values, own)
-    fixed = dict(calibration.fixed)
-    for name, value in parameters.items():
-        calibration.model.parameter(name)
-        if not math.isfinite(value):
-            raise InputError(f"parameter {name} is {value}, which is no finite number")
-        columns.pop(ParameterTarget(name), None)
-        fixed[name] = float(value)
-    for name, value in start.items():
-        state = calibration.model.states[calibration.model.state_index(name)].name
-        columns.pop(StartTarget(state), None)
-        experiment = replace(experiment, start={**experiment.start, state: float(value)})
-    alone = replace(calibration, data=MeasuredData((experiment,), (recording.name,), (recording,)))
-    problem = replace(alone.problem(), targets=(tuple(columns),), fixed=fixed)
-    matrix = np.column_stack(list(columns.values())) if columns else np.empty((len(values), 0))
-    return problem, matrix
-
-
-def _first_readings(recording: Recording, calibration: Calibration) -> dict[str, float]:
-    """Read the start of states of a new recording, where they started at a reading in those that were fitted.
-
-    So start those that the model fixes elsewhere than this recording begins."""
-    model = calibration.model
-    begun = {state for experiment in calibration.data.experiments for state in experiment.start}
-    anywhere = set(calibration.data.outputs) if model.declared.recording.resting is None else set()
-    for output in anywhere & recording.outputs.keys():
-        state, reading = state_of(model, output), first_reading_of(recording.outputs[output], recording)
-        if state is not None and reading is not None and state.name in model.fixed_starts:
-            begun |= set() if starts_as_fixed(model, state, recording, output, reading) else {state.name}
-    readings = {state: first_reading(recording, StartTarget(state), calibration) for state in sorted(begun)}
-    return {state: first.level for state, first in readings.items() if first is not None}
-
-
-def _columns(
-    calibration: Calibration, recording: Recording, values: FloatArray, own: int | None
-) -> dict[ProblemTarget, FloatArray]:
-    """Return what each column of the simulated problem means, and its values (n,)."""
-    columns: dict[ProblemTarget, FloatArray] = {
-        p.target: values[:, j] for j, p in enumerate(calibration.parameters) if p.acts_in(own)
-    }
-    if own is None:
-        for target, mean in typical(calibration, values, calibration.data.recordings).items():
-            first = first_reading(recording, target, calibration)
-            if isinstance(target, StartTarget) and first is None and recording.outputs == {}:
-                continue
-            columns[target] = mean + (first.level if first else 0.0)
-    return columns

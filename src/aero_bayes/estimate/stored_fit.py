@@ -15,6 +15,7 @@ from aero_bayes.arrays import FloatArray
 from aero_bayes.data.recording import Recording, to_experiment
 from aero_bayes.errors import InputError
 from aero_bayes.estimate.calibration import Calibration
+from aero_bayes.estimate.initial_states import CalibrationSettings
 from aero_bayes.estimate.laplace import Laplace
 from aero_bayes.estimate.measured_data import MeasuredData
 from aero_bayes.estimate.noise import OutputNoise
@@ -63,6 +64,7 @@ def store(fit: Fit, folder: Path) -> None:
         "interpolation": [{s.name: s.interpolation for s in e.inputs} for e in data.experiments],
         "fixed": calibration.fixed, "solver": asdict(calibration.solver), "engine": predictor.engine,
         "noise": {o: asdict(n) for o, n in fit.noise.items()}, "laplace": fit.laplace.names,
+        "settings": {**vars(calibration.settings), "solver": {}},
         "model": calibration.model.name, "free": fit.free, "parameters": [_told(p) for p in calibration.parameters],
     }  # fmt: skip
     arrays = {"values": fit.values, "mean": fit.laplace.mean, "covariance": fit.laplace.covariance,
@@ -122,6 +124,7 @@ def _fit(told: Mapping[str, Any], arrays: Mapping[str, FloatArray], model: Model
         MeasuredData(experiments, tuple(told["names"]), tuple(recordings)), model,
         ParameterSet(tuple(map(_parameter, told["parameters"]))), fixed=told["fixed"],
         solver=SolverSettings(**told["solver"]),
+        settings=CalibrationSettings(**{**told.get("settings", {}), "solver": SolverSettings(**told["solver"])}),
     )  # fmt: skip
     noise = {o: OutputNoise(**n) for o, n in told["noise"].items()}
     free, names = tuple(told["free"]), tuple(told["laplace"])

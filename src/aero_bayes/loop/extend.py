@@ -15,11 +15,11 @@ from aero_bayes.errors import CannotFinishError
 from aero_bayes.estimate.calibration import Calibration
 from aero_bayes.estimate.identifiability import Estimate
 from aero_bayes.estimate.input_noise import asked_again
+from aero_bayes.estimate.interpolation import MIN_LOG_LIKELIHOOD_GAIN, with_interpolation
 from aero_bayes.estimate.parameters import Parameter
 from aero_bayes.estimate.predict_recordings import Prediction
 from aero_bayes.estimate.residual_tests import ResidualReport, check_residuals
 from aero_bayes.estimate.result import Fit
-from aero_bayes.estimate.simulate import MIN_LOG_LIKELIHOOD_GAIN, with_interpolation
 from aero_bayes.estimate.simulation_error import exact_enough, sharper_model
 from aero_bayes.loop.decide import ClaimKind, Decision
 from aero_bayes.loop.first_fit import SEARCHED, FirstFit, LoopContext, refitted

@@ -201,7 +201,7 @@ class LoopContext:
     @property
     def predictor(self) -> Predictor:
         """The recordings whole, to run fitted models over."""
-        return Predictor(self.recordings, self.settings.fitting.calibration, self.family, self.open)
+        return Predictor(self.recordings, self.family, self.open)
 
 
 #: Rows on which a search takes a minute: of recordings of twice that length and more only a beginning is searched. It

@@ -34,8 +34,6 @@ class Validation:
         judged = [k for k, r in enumerate(recordings.everything) if recordings.parts_of(r, "validation", "test")]
         found = predictor.outputs(calibration, fit, judged)
         if found is None:
-            found = predictor.outputs(calibration, fit, judged, test=False)
-        if found is None:
             return None
         counted: dict[int, Mask] = {}
         for k in judged:
@@ -51,8 +49,6 @@ class Validation:
 
         CannotFinishError where the model cannot be simulated over validation readings."""
         found = self.predictor.outputs(calibration, fit, self.counted)
-        if found is None:
-            found = self.predictor.outputs(calibration, fit, self.counted, test=False)
         if found is None:
             raise CannotFinishError("the fitted model cannot be simulated over the validation readings")
         recordings = self.predictor.recordings

@@ -4,26 +4,18 @@ from __future__ import annotations
 
 import time
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
-from typing import cast
 
 import numpy as np
-from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from aero_bayes.arrays import FloatArray
 from aero_bayes.checkpoint import Checkpoint, digest
 from aero_bayes.errors import CannotFinishError, InputError
-from aero_bayes.estimate.prediction import (
-    Predictive,
-    edges,
-    predict_from_filter,
-    predict_from_outputs,
-    recording_log_density,
-)
+from aero_bayes.estimate.prediction import predictives
 from aero_bayes.estimate.result import Fit, HasFit, fit_of
 from aero_bayes.estimate.target import JointTarget
 from aero_bayes.posterior.convergence import Convergence, SampleSettings
@@ -33,74 +25,10 @@ from aero_bayes.posterior.moves import WarpedStudentT
 from aero_bayes.posterior.posterior import Posterior
 from aero_bayes.progress import Progress, Watched, watching
 from aero_bayes.simulation.engines import open_simulator
-from aero_bayes.simulation.interface import Outcome, Simulator
-from aero_bayes.simulation.native_simulator import NativeSimulator
+from aero_bayes.simulation.interface import Simulator
 
-#: Sample times of which whole draws are kept, and blocks of time whose density is given.
-_STORED, _BLOCKS = 600, 2000
-
-
-def posterior_predictive(
-    joint: JointTarget, points: FloatArray, band_factors: FloatArray, rng: np.random.Generator
-) -> tuple[Predictive, ...]:
-    """Predict each recording from posterior draws."""
-    if joint.target.objective.filters:
-        return _filtered(joint, points[:, : len(joint.target.free)], band_factors, rng)
-    free = len(joint.target.free)
-    noise = joint.layout.unpack(points[:, free:])[:, 0]
-    experiments = joint.target.calibration.data.experiments
-    collected: list[list[FloatArray]] = [[] for _ in experiments]
-    densities: list[list[FloatArray]] = [[] for _ in experiments]
-    kept_noise: list[FloatArray] = []
-    for rows, outputs, likely in _simulated(joint, points[:, :free]):
-        kept_noise.append(noise[rows])
-        for e, experiment in enumerate(experiments):
-            measured = np.asarray(experiment.measured)
-            collected[e].append(outputs[e].astype(np.float32))
-            density = recording_log_density(experiment.time, measured - likely[e], noise[rows])
-            bounds = edges(experiment.time.size, _BLOCKS)
-            densities[e].append(np.add.reduceat(density, bounds[:-1], axis=1))
-    if not kept_noise:
-        raise CannotFinishError("no draw of the posterior could be simulated over the recordings")
-    sd = np.concatenate(kept_noise)
-    return tuple(
-        predict_from_outputs(
-            e.time, np.concatenate(y), sd, np.concatenate(density), band_factors, rng, _STORED, _BLOCKS
-        )
-        for e, y, density in zip(experiments, collected, densities, strict=True)
-    )
-
-
-def _filtered(
-    joint: JointTarget, coordinates: FloatArray, factors: FloatArray, rng: np.random.Generator
-) -> tuple[Predictive, ...]:
-    """Predict each reading from all before it, by the filter of each draw (with process noise)."""
-    found = cast(NativeSimulator, joint.target.simulator).filter(joint.target.values(coordinates))
-    good = np.all(found.outcomes == Outcome.OK, axis=1)
-    if not good.any():
-        raise CannotFinishError("no draw of the posterior could be filtered over the recordings")
-    return tuple(
-        predict_from_filter(e.time, np.asarray(e.measured), y[good], variance[good], factors, rng, _STORED, _BLOCKS)
-        for e, y, variance in zip(
-            joint.target.calibration.data.experiments, found.predicted, found.variance, strict=True
-        )
-    )  # fmt: skip
-
-
-def _simulated(
-    joint: JointTarget, coordinates: FloatArray, size: int = 25
-) -> Iterator[tuple[NDArray[np.int64], tuple[FloatArray, ...], tuple[FloatArray, ...]]]:
-    """Trajectories of a few draws at a time, and those at which the likelihood is taken, which differ where it was
-    widened; draws that fail are left out."""
-    spread = joint.target.spread
-    for first in range(0, len(coordinates), size):
-        rows = np.arange(first, min(first + size, len(coordinates)))
-        result = likely = joint.target.simulator.simulate(joint.target.values(coordinates[rows]))
-        if spread is not None:
-            likely = joint.target.simulator.simulate(joint.target.values(spread(coordinates[rows])))
-        good = np.all((result.outcomes == Outcome.OK) & (likely.outcomes == Outcome.OK), axis=1)
-        if good.any():
-            yield rows[good], tuple(y[good] for y in result.outputs), tuple(y[good] for y in likely.outputs)
+#: Blocks of time whose density is given.
+_BLOCKS = 2000
 
 
 def sample(
@@ -178,12 +106,12 @@ def _sample(
     joints = [one.joint_target(simulator) for one in fits]
     regions = [Region(joint, fits, k) for k, joint in enumerate(joints)]
     keys = [digest(f.calibration.identity, f.free, f.values, f.noise) for f in fits]
-    own = replace(settings, max_minutes=settings.max_minutes / len(fits))
+    each = replace(settings, max_minutes=settings.max_minutes / len(fits))
     chains = [
         run_chain(
             joint if len(fits) == 1 else region,
             WarpedStudentT.of(one.laplace.mean, one.laplace.covariance, settings.dof, joint.axes),
-            own, seed, checkpoint=checkpoint, identity=key, progress=progress,
+            each, seed, checkpoint=checkpoint, identity=key, progress=progress,
         )
         for one, joint, region, key in zip(fits, joints, regions, keys, strict=True)
     ]  # fmt: skip
@@ -197,11 +125,15 @@ def _sample(
         told = mode_rows(fits, chains, shares, counts)
         joints[0].target.spread = NearestAdjustment.of_fits(fits)
     joint = joints[0]
-    each = max(1, settings.predictive // len(points))
-    rows = np.unique(np.linspace(0, points.shape[1] - 1, each).astype(np.int64))
-    predictive = posterior_predictive(
-        joint, points[:, rows].reshape(-1, points.shape[-1]), fit.predictor.band_factors, rng
-    )
+    count = max(1, settings.predictive // len(points))
+    rows = np.unique(np.linspace(0, points.shape[1] - 1, count).astype(np.int64))
+    target, drawn = joint.target, points[:, rows].reshape(-1, points.shape[-1])
+    own, noise = drawn[:, : len(target.free)], joint.layout.unpack(drawn[:, len(target.free) :])[:, 0]
+    predictive = predictives(
+        target.calibration, simulator, target.values(own), noise, fit.predictor.band_factors, rng,
+        read=target.calibration.data.measured, blocks=_BLOCKS,
+        likely=None if target.spread is None else target.values(target.spread(own)),
+    )  # fmt: skip
     short = [f"answer {k + 1} of {len(chains)}: {c.reason}" for k, c in enumerate(chains) if not c.converged]
     steps = min(chain.points.shape[1] for chain in chains)
     found = [chain.diagnoses for chain in chains]
