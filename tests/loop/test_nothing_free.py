@@ -37,7 +37,7 @@ end Cart;
         ModelicaFamily(LawPlaces("Cart", (path,)), tmp_path / "fmus"), Recordings.of([run], [], 0.3, ["v"]),
         LoopSettings(), WorkerPool(0), tmp_path, LoopStatistics(),
     )  # fmt: skip
-    base = first_fit(context, {})
+    base = first_fit(context)
     assert base.plain.parameters.names == ()
     (report,) = base.reports
     left = 0.05 * np.sin(2.0 * time[:280]) + noise[:280]

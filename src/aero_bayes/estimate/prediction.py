@@ -5,6 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import TYPE_CHECKING, cast
 
 import numpy as np
@@ -62,8 +63,9 @@ def edges(n: int, blocks: int) -> NDArray[np.int64]:
     return np.unique(np.linspace(0, n, min(blocks, n) + 1).astype(np.int64))
 
 
-def _noise_draws(rng: np.random.Generator, time: FloatArray, noise: FloatArray) -> FloatArray:
-    """Draw noise, shape (k, n, m), for noise triples (k, m, 3)."""
+def _noise_draws(rng: np.random.Generator, noise: FloatArray, times: FloatArray, rows: NDArray[np.int64]) -> FloatArray:
+    """Draw noise at some of the times, shape (k, n, m), for noise triples (k, m, 3)."""
+    time = times[rows]
     k, m = noise.shape[:2]
     white, ou, tau = np.moveaxis(noise, 2, 0)
     out = np.empty((k, time.size, m))
@@ -74,15 +76,6 @@ def _noise_draws(rng: np.random.Generator, time: FloatArray, noise: FloatArray) 
             state = rho * state + np.sqrt(1.0 - rho**2) * rng.standard_normal((k, m))
         out[:, j] = ou * state
     return np.asarray(out + white[:, None] * rng.standard_normal(out.shape))
-
-
-def _predict_from_outputs(
-    time: FloatArray, outputs: NDArray[np.float32], noise: FloatArray, density: FloatArray, factors: FloatArray,
-    rng: np.random.Generator, blocks: int,
-) -> Predictive:  # fmt: skip
-    """Predict readings from simulated outputs (k, n, m), noise triples (k, m, 3) and densities of blocks (k, b)."""
-    sd = np.hypot(noise[:, np.newaxis, :, 0], noise[:, np.newaxis, :, 1])
-    return _summarise(time, outputs, sd, lambda rows: _noise_draws(rng, time[rows], noise), density, factors, blocks)
 
 
 def _predict_from_filter(
@@ -154,11 +147,12 @@ def predictives(
                 for time, y, predicted, variance in zip(times, read, found.predicted, found.variance, strict=True)
             )
     elif chunks := list(_simulated(simulator, times, read, values, noise, likely, blocks)):
-        sd = np.concatenate([kept for kept, _, _ in chunks])
+        kept = np.concatenate([own for own, _, _ in chunks])
+        sd = np.hypot(kept[:, np.newaxis, :, 0], kept[:, np.newaxis, :, 1])
         return tuple(
-            _predict_from_outputs(
-                time, np.concatenate([y[e] for _, y, _ in chunks]), sd,
-                np.concatenate([density[e] for _, _, density in chunks]), factors, rng, blocks,
+            _summarise(
+                time, np.concatenate([y[e] for _, y, _ in chunks]), sd, partial(_noise_draws, rng, kept, time),
+                np.concatenate([density[e] for _, _, density in chunks]), factors, blocks,
             )
             for e, time in enumerate(times)
         )  # fmt: skip

@@ -16,7 +16,7 @@ from aero_bayes.arrays import FloatArray
 from aero_bayes.data.noise import noise_floors
 from aero_bayes.data.split import Recordings
 from aero_bayes.display import SettingsDisplay
-from aero_bayes.estimate.calibration import Calibration, for_recordings
+from aero_bayes.estimate.calibration import Calibration, calibrate, for_recordings
 from aero_bayes.estimate.finished_fit import finished_fit
 from aero_bayes.estimate.fit import declared_overrides, fit
 from aero_bayes.estimate.global_search import GlobalSearch, GlobalSearchResult
@@ -24,6 +24,7 @@ from aero_bayes.estimate.held_values import with_held_beside
 from aero_bayes.estimate.initial_states import with_free_starts
 from aero_bayes.estimate.levenberg_marquardt import FitSettings
 from aero_bayes.estimate.local_fit import GOOD_FIT_RATIO, Optimum
+from aero_bayes.estimate.measured_data import readings_of
 from aero_bayes.estimate.noise import NoiseModel, residual_correlation_time
 from aero_bayes.estimate.objective import Objective, Series, Whitened, objective_of
 from aero_bayes.estimate.parameters import ChosenParameters, Parameter, ParameterSet, chosen_parameters
@@ -241,18 +242,16 @@ class FirstFit:
         return replace(moved, fixed=fixed, parameters=ParameterSet(items).extended(own.items))
 
 
-def first_fit(context: LoopContext, begin: Mapping[str, float]) -> FirstFit:
+def first_fit(context: LoopContext, given: Fit | None = None) -> FirstFit:
     """Fit the first model: led by the first readings, then with initial values that may be off them.
 
-    ``begin`` holds SI values by name from which the fit begins, in place of those that the parameters declare."""
+    A fit that is ``given`` is the first of both, but where it left out some of the outputs."""
     context.statistics.tell("building models", 0.0)
     model, recordings, settings = context.family.base_model(), context.recordings, context.settings
     context.statistics.end_stage("models")
     fitting = "fitting the model as given"
     context.statistics.tell(fitting, 0.01)
-    declared = _chosen(context, model)
-    starts = [float(np.clip(begin.get(p.name, p.start), p.lower, p.upper)) for p in declared]
-    own = settings.fitting
+    declared, own = _chosen(context, model), settings.fitting
     own = replace(
         own,
         calibration=replace(own.calibration, outputs=recordings.outputs),
@@ -263,38 +262,55 @@ def first_fit(context: LoopContext, begin: Mapping[str, float]) -> FirstFit:
         context.statistics.tell(fitting, FITTED_FIRST * share)
 
     def fitted(method: str) -> Fit:
-        chosen = declared.with_start(np.array(starts))
         how = replace(own, method=method)  # type: ignore[arg-type]
-        # A fit that is given has asked of the recordings whether they were read wrongly; they carry what it found.
         return fit(
-            recordings.fitted, model, parameters=chosen, settings=how, seed=context.seed, workers=context.pool.size,
-            progress=Watched(told), explain=not begin,
+            recordings.fitted, model, parameters=declared, settings=how, seed=context.seed, workers=context.pool.size,
+            progress=Watched(told),
         )  # fmt: skip
 
     floors = noise_floors(recordings.everything, recordings.outputs)
-    close = fitted("local")
-    if own.method != "local":
+    given = given if given is not None and given.outputs == recordings.outputs else None
+    close = given or fitted("local")
+    reports = check_residuals(close.calibration, close.series, close.optimum, floors)
+    if given is None and own.method != "local" and max(r.ratio for r in reports) > GOOD_FIT_RATIO:
+        close = fitted(own.method)
         reports = check_residuals(close.calibration, close.series, close.optimum, floors)
-        if max(r.ratio for r in reports) > GOOD_FIT_RATIO:
-            close = fitted(own.method)
-    context.statistics.outcomes.update(close.outcomes)
-    calibration, named = close.calibration, {p.name: p.start for p in declared}
-    again = calibration.parameters.with_start(np.array([named.get(p.name, p.start) for p in calibration.parameters]))
-    again = with_free_starts(again, calibration.data.experiments, model)
+    calibration = close.calibration if given is None else _as_fitted(context, declared, given, own)
+    data, again = calibration.data, with_free_starts(calibration.parameters, calibration.data.experiments, model)
     # All structures are compared under one noise, each reading of an output alike, unless nothing is left to explain.
-    data, own_noise = calibration.data, check_residuals(calibration, close.series, close.optimum, floors)
-    if structured_residuals(own_noise):
+    if structured_residuals(reports):
         data = replace(data.with_experiments(replace(e, spread=None) for e in data.experiments), spreads={})
     plain, found = replace(calibration, parameters=again, data=data, noise=own.noise), close
     moved = any(a.prior != b.prior for a, b in zip(plain.parameters, calibration.parameters, strict=True))
-    if moved or calibration.data.spreads:
-        found = refitted(context, plain, close.values, replace(close.optimum, free=close.free))
-        found = replace(
-            found, sensors=close.sensors, solver_difference=close.solver_difference, outcomes=close.outcomes
-        )
+    if given is not None or moved or calibration.data.spreads:
+        values = dict(zip(close.calibration.parameters.names, close.values.tolist(), strict=True))
+        si = np.array([values.get(p.name, p.start) for p in plain.parameters])
+        free = close.free if given is None else tuple(j for j, p in enumerate(again) if not p.free_if_identified)
+        found = refitted(context, plain, si, replace(close.optimum, free=free))
+        found = replace(found, sensors=close.sensors, solver_difference=close.solver_difference)
+    if given is None:
+        context.statistics.outcomes.update(close.outcomes)
+        found = replace(found, outcomes=close.outcomes)
     context.statistics.end_stage("first fit")
     reports = check_residuals(plain, found.series, found.optimum, floors)
     return FirstFit(plain, found, reports, floors)
+
+
+def _as_fitted(context: LoopContext, declared: ParameterSet, given: Fit, how: FitSettings) -> Calibration:
+    """Return the recordings of the loop as a fit read them: its inputs between samples, its noise, and no outliers."""
+    own = replace(how.calibration, interpolation=given.calibration.data.interpolation)
+    calibration = calibrate(
+        context.recordings.fitted, context.family.base_model(), declared, fixed=how.fixed, noise=how.noise, settings=own
+    )
+    experiments = []
+    for e, known in zip(calibration.data.experiments, given.calibration.data.experiments, strict=True):
+        rows = np.minimum(np.searchsorted(known.time, e.time), known.time.size - 1)
+        left_out = (known.time[rows] == e.time)[:, None] & np.isnan(readings_of(known)[rows])
+        measured = np.where(left_out, np.nan, readings_of(e))
+        spread = None if known.spread is None else known.spread[rows]
+        experiments.append(replace(e, inputs=known.inputs, measured=measured, spread=spread))
+    data = replace(calibration.data.with_experiments(experiments), spreads=given.calibration.data.spreads)
+    return replace(calibration, data=data, settings=how.calibration)
 
 
 def _chosen(context: LoopContext, model: Model) -> ParameterSet:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -109,10 +109,10 @@ def close_loop(
     <LoopResult Rig: extended by coulomb_friction@v; RMS on test data: position 0.00524 -> 0.000304>
     """
     settings = require_type(settings or LoopSettings(), LoopSettings, "settings")
-    begin: dict[str, float] = {}
+    given = train if isinstance(train, Fit) else None
     if isinstance(train, Fit):
-        begin = {name: entry.value for name, entry in train.parameters.items()}
-        model, settings, train = train.calibration.model, settings_of(train, settings), recordings_of(train)
+        calibration, settings = train.calibration, settings_of(train, settings)
+        model, train = calibration.model, calibration.data.recordings
     train, test = require_all(train, Recording, "train"), require_all(test, Recording, "test")
     confirming = require_all(validation, Recording, "validation")
     if settings.fitting.noise.process:
@@ -138,7 +138,7 @@ def close_loop(
         train, test, confirming = (screened(recordings, base) for recordings in (train, test, confirming))
         recordings = Recordings.of(train, test, settings.held_out, known, confirming)
         context = LoopContext(family, recordings, settings, pool, folder, LoopStatistics(watched), seed)
-        result = _closed(context, begin)
+        result = _closed(context, given)
         used = {fit.calibration.model.path for fit in (result.before, result.after)}
         for path in set((scratch.path / "fmu").glob("*.fmu")) - used:
             path.unlink()
@@ -146,10 +146,10 @@ def close_loop(
         return replace(result, scratch=scratch)
 
 
-def _closed(context: LoopContext, begin: Mapping[str, float]) -> LoopResult:
-    """Fit the first model from some values, search over structures, decide, extend, and judge."""
+def _closed(context: LoopContext, given: Fit | None) -> LoopResult:
+    """Fit the first model, if no fit of it is given, search over structures, decide, extend, and judge."""
     settings, statistics = context.settings, context.statistics
-    first = first_fit(context, begin)
+    first = first_fit(context, given)
     cause = None if settings.require else first.fit.diagnosis.explanation
     # With a noise that differs from reading to reading, the first model was found to explain all.
     explained = cause is not None or (bool(first.plain.data.spreads) and not settings.require)
@@ -218,18 +218,11 @@ def _family(model: str | Path | Model | ModelicaSource, folder: Path, settings: 
     return family
 
 
-def recordings_of(fit: Fit) -> Sequence[Recording]:
-    """Return the recordings of a fit; InputError for one that was made without them."""
-    if not fit.calibration.data.recordings:
-        raise InputError("the fit holds no recordings: give them, and the model, in place of the fit")
-    return fit.calibration.data.recordings
-
-
 def settings_of(fit: Fit, settings: LoopSettings) -> LoopSettings:
     """Return the settings of a loop that begins at a fit: how it was fitted, its free parameters and its fixed values.
 
     Free ones keep their declared values, from which the search fits structures too. What the settings say themselves
-    counts. Inputs are read as the fit read them, unless that is left to the data."""
+    counts."""
     calibration, own = fit.calibration, settings.fit or fit.settings
     shared = [p for p in templates(calibration.parameters) if isinstance(p.target, ParameterTarget)]
     free = {calibration.parameters.items[j].name for j in fit.free}
@@ -245,12 +238,8 @@ def settings_of(fit: Fit, settings: LoopSettings) -> LoopSettings:
         }
         chosen = chosen_parameters(calibration.model, settings.parameters, known)
     fixed = {p.name: float(fit[p.name]) for p in shared if p.name not in chosen}
-    between = own.calibration.interpolation
-    read = replace(
-        own.calibration, interpolation=between if between == "auto" else calibration.data.interpolation or "hold"
-    )
     fixed = {**calibration.fixed, **fixed, **own.fixed}
-    first = replace(own, method="local", cost="posterior", staged=False, calibration=read, fixed=fixed)
+    first = replace(own, method="local", cost="posterior", staged=False, fixed=fixed)
     return replace(settings, fit=first, parameters=chosen)
 
 
