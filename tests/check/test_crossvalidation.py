@@ -1,5 +1,6 @@
 """Recordings of a simulated rig that are left out and predicted by a fit to the others."""
 
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +15,8 @@ from aero_bayes.estimate.levenberg_marquardt import FitSettings
 from aero_bayes.modelica.compilers import export_fmu
 from aero_bayes.simulation.engines import open_simulator
 from aero_bayes.simulation.model import Model
+
+OPENED = partial(open_simulator, workers=0)
 
 
 @pytest.fixture(scope="module")
@@ -31,12 +34,8 @@ def two_recordings(tmp_path_factory: pytest.TempPathFactory):
     return fit(recordings, model, settings=settings, workers=0)
 
 
-def opened(problem):
-    return open_simulator(problem, workers=0)
-
-
 def test_a_left_out_recording_is_predicted_to_the_noise(two_recordings):
-    left_out = leave_one_recording_out(two_recordings, opened, np.random.default_rng(1))
+    left_out = leave_one_recording_out(two_recordings, OPENED, np.random.default_rng(1))
     assert [item.recording for item in left_out] == ["first", "second"]
     for item in left_out:
         for output, fitted in item.rms_fitted.items():
@@ -47,4 +46,4 @@ def test_one_recording_cannot_be_left_out(two_recordings, tmp_path: Path):
     model = two_recordings.calibration.model
     alone = fit(two_recordings.calibration.data.recordings[0], model, settings=FitSettings(method="local"), workers=0)
     with pytest.raises(InputError, match="at least two"):
-        leave_one_recording_out(alone, opened, np.random.default_rng(1))
+        leave_one_recording_out(alone, OPENED, np.random.default_rng(1))

@@ -15,9 +15,9 @@ from aero_bayes.data import Recording
 from aero_bayes.estimate import CalibrationSettings, ParameterSpec, parameters_from_model
 from aero_bayes.estimate.calibration import calibrate
 from aero_bayes.estimate.global_search import GlobalSearch, GlobalSearchResult
+from aero_bayes.estimate.interpolation import choose_interpolation
 from aero_bayes.estimate.levenberg_marquardt import FitSettings
 from aero_bayes.estimate.objective import Objective
-from aero_bayes.estimate.simulate import choose_interpolation
 from aero_bayes.simulation.engines import open_simulator
 
 OSCILLATOR = """model Oscillator "A mass on a spring"

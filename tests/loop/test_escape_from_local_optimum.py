@@ -12,7 +12,7 @@ from closed_form import held
 from aero_bayes import FitSettings
 from aero_bayes.data import Recording, to_experiment
 from aero_bayes.estimate import CalibrationSettings
-from aero_bayes.estimate.simulate import with_interpolation
+from aero_bayes.estimate.interpolation import with_interpolation
 from aero_bayes.loop import LoopSettings, close_loop
 
 SOURCE = """model Spring "A mass on a spring"

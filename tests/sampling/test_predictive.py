@@ -17,12 +17,9 @@ pytestmark = pytest.mark.fast
 
 
 def test_draws_that_all_fail_are_one_line() -> None:
-    def simulate(values: np.ndarray) -> Any:
-        return SimpleNamespace(outcomes=np.full((len(values), 1), Outcome.SOLVER_FAILED), outputs=())
-
-    data = SimpleNamespace(experiments=(), recordings=())
-    calibration: Any = SimpleNamespace(data=data, process=None)
-    simulator: Any = SimpleNamespace(simulate=simulate)
-    draws = np.zeros((30, 4)), np.ones((30, 1, 3)), np.ones(1)
+    failed = SimpleNamespace(outcomes=np.full((25, 1), Outcome.SOLVER_FAILED), outputs=())
+    calibration: Any = SimpleNamespace(data=SimpleNamespace(experiments=(), recordings=()), process=None)
+    simulator: Any = SimpleNamespace(simulate=lambda values: failed)
+    draws = np.zeros((50, 4)), np.ones((50, 1, 3)), np.ones(1)
     with pytest.raises(CannotFinishError, match=facts("no draw")):
         predictives(calibration, simulator, *draws, np.random.default_rng(1), read=())

@@ -34,8 +34,8 @@ LEADS = {
     "profiles": "Each curve fixes one parameter at a value, fits all others again, and shows how far the "
     "log-posterior falls. The 90 % interval lies below the dashed line; a curve that stays below it has no end there. "
     "Grey: the prior alone.",
-    "prediction": "Errors on data that were left out of the fit. A left-out recording keeps its own delay and start; "
-    "all other parameters come from the other recordings.",
+    "prediction": "Errors on data that were left out of the fit. Delay and start of a left-out recording come from its "
+    "beginning, all other parameters from the other recordings.",
     "posterior": "R-hat: spread of all draws over that within an ensemble; at most 1.01 if the ensembles agree. "
     "Effective draws: how many independent draws would be as precise.",
 }
