@@ -133,8 +133,8 @@ def _with_free_start(p: Parameter, experiment: Experiment, model: Model) -> Para
 
 
 def _range(values: FloatArray) -> float:
-    """Compute the range of readings, gaps left out."""
-    return float(np.nanmax(values) - np.nanmin(values))
+    """Compute the range of readings, gaps left out; zero of none."""
+    return float(np.nanmax(values) - np.nanmin(values)) if np.isfinite(values).any() else 0.0
 
 
 def state_of(model: Model, output: str) -> Variable | None:
