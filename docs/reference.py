@@ -23,6 +23,7 @@ from pydantic.fields import FieldInfo
 from aero_bayes import cli, declared
 from aero_bayes.commands.fleet import FleetFile
 from aero_bayes.config import Config
+from aero_bayes.plain import Number
 from aero_bayes.report.schema_run import FleetJson, RunJson
 from aero_bayes.structure.candidates import describe_law
 from aero_bayes.structure.law import shipped_laws
@@ -248,18 +249,25 @@ def _default(field: FieldInfo) -> str:
 
 def result() -> str:
     """Return a table a class of the schema, the whole first; types link to their tables."""
-    parts = [RunJson, FleetJson]
+    parts: list[type] = [RunJson, FleetJson]
     for part in parts:
-        for field in part.model_fields.values():
-            parts += [p for p in _parts(field.annotation) if p not in parts]
+        for _, annotation, _ in _keys(part):
+            parts += [p for p in _parts(annotation) if p not in parts]
     return "\n\n".join(_part(part) for part in parts)
 
 
-def _part(part: type[BaseModel]) -> str:
-    rows = [
-        (f"`{field.alias or name}`", _linked(field.annotation), _result_default(field))
-        for name, field in part.model_fields.items()
-    ]
+def _keys(part: type) -> list[tuple[str, object, str]]:
+    """Return the keys of a table of the result, what each holds, and its default."""
+    hints = typing.get_type_hints(part, include_extras=True)
+    if issubclass(part, BaseModel):
+        fields = part.model_fields.items()
+        return [(field.alias or name, hints[name], _result_default(field)) for name, field in fields]
+    names = getattr(part, "JSON_KEYS", " ".join(f.name for f in dataclasses.fields(part))).split()
+    return [(name, hints[name], "always there") for name in names]
+
+
+def _part(part: type) -> str:
+    rows = [(f"`{name}`", _linked(annotation), default) for name, annotation, default in _keys(part)]
     return f"## {part.__name__}\n\n{_text(part)}\n\n" + _table(("key", "holds", "default"), rows)
 
 
@@ -268,21 +276,23 @@ def _text(thing: object) -> str:
     return inspect.cleandoc(thing.__doc__ or "").replace("``", "`")
 
 
-def _parts(annotation: object) -> list[type[BaseModel]]:
-    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+def _parts(annotation: object) -> list[type]:
+    if isinstance(annotation, type) and (issubclass(annotation, BaseModel) or dataclasses.is_dataclass(annotation)):
         return [annotation]
     return [part for argument in typing.get_args(annotation) for part in _parts(argument)]
 
 
 def _linked(annotation: object) -> str:
     origin, arguments = typing.get_origin(annotation), typing.get_args(annotation)
-    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+    if isinstance(annotation, type) and _parts(annotation):
         return f"[{annotation.__name__}](#{annotation.__name__.lower()})"
+    if annotation == Number:
+        return "number or null"
     if origin in (typing.Union, types.UnionType):
         return " or ".join("null" if a is type(None) else _linked(a) for a in arguments)
     if origin in (list, tuple):
         return "list of " + _linked(arguments[0])
-    if origin is dict:
+    if origin in (dict, collections.abc.Mapping):
         return _linked(arguments[1]) + " by name"
     return _type(annotation) if origin or annotation in (bool, int, float, str) else "any JSON"
 

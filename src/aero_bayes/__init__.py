@@ -23,6 +23,8 @@ from __future__ import annotations
 from importlib import import_module
 from typing import TYPE_CHECKING
 
+from aero_bayes.figures import IMPORTERS
+
 if TYPE_CHECKING:
     from aero_bayes.commands.fleet import Rig, fleet
     from aero_bayes.data.columns import ColumnMap
@@ -109,6 +111,17 @@ _HOMES = {
     "simulation.model": "Model",
     "simulation.function_model": "FunctionModel",
 }
+
+
+def _import_drawers(name: str) -> None:
+    """Import what draws the page of results, or what draws figures: neither before it is asked for."""
+    if name == "result_page":
+        from aero_bayes import library  # noqa: F401
+    else:
+        from aero_bayes.report import pairs, plots  # noqa: F401
+
+
+IMPORTERS.append(_import_drawers)
 
 
 def __getattr__(name: str) -> object:

@@ -1,10 +1,9 @@
-"""Figures and pages of results: how a result finds what draws it, and what every figure takes."""
+"""Figures and pages of results: what draws them registers itself here, so that results know no report."""
 
 from __future__ import annotations
 
 import inspect
 from collections.abc import Callable
-from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -13,6 +12,31 @@ from aero_bayes.files import write_whole
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+
+Method = TypeVar("Method", bound=Callable[..., object])
+Drawer = TypeVar("Drawer", bound=Callable[..., object])
+
+#: What draws a figure or a page, by its name; and what is called with a name to import it, by the package.
+_DRAWERS: dict[str, Callable[..., Any]] = {}
+IMPORTERS: list[Callable[[str], None]] = []
+
+
+def draws(drawer: Drawer) -> Drawer:
+    """Register a function as what draws the figure or the page of its name."""
+    _DRAWERS[drawer.__name__] = drawer
+    return drawer
+
+
+def _drawer(name: str) -> Callable[..., Any]:
+    for importer in IMPORTERS if name not in _DRAWERS else ():
+        importer(name)
+    return _DRAWERS[name]
+
+
+def page_of(found: object) -> str:
+    """Return the page of a result: HTML that loads nothing from elsewhere."""
+    page: str = _drawer("result_page")(found)
+    return page
 
 
 class HasPage:
@@ -35,22 +59,17 @@ class HasPage:
         >>> fit.to_html("fit.html").name
         'fit.html'
         """
-        page: str = import_module("aero_bayes.library").page_of(self)
         path = Path(path)
         path.parent.mkdir(parents=True, exist_ok=True)
-        return write_whole(path, page)
+        return write_whole(path, page_of(self))
 
 
 def drawn(name: str, *what: Any, figure: Figure | Axes | None, dark: bool) -> Figure:
-    """Draw a figure by its file in ``report`` and its name; results cannot import what uses their classes.
-
-    ``figure`` is what is drawn into: a figure, or the axes whose place is taken; a new one by default."""
-    file, _, function = name.partition(".")
-    found: Figure = getattr(import_module(f"aero_bayes.report.{file}"), function)(*what, figure=figure, dark=dark)
+    """Draw the figure of a name into a figure, or in the place of axes; into a new figure by default."""
+    found: Figure = _drawer(name)(*what, figure=figure, dark=dark)
     return found
 
 
-Method = TypeVar("Method", bound=Callable[..., object])
 _FIGURE_PARAMETERS = """ax : matplotlib.axes.Axes, optional
     Axes whose place in a larger figure it takes.
 figure : matplotlib.figure.Figure, optional

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from contextlib import ExitStack
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeAlias
 
 from aero_bayes.errors import InputError
+from aero_bayes.figures import draws
 from aero_bayes.files import ScratchFolder
 from aero_bayes.report.compare import write_comparison
 from aero_bayes.report.page import render
@@ -17,7 +18,7 @@ if TYPE_CHECKING:
     from aero_bayes.loop.result import LoopResult
     from aero_bayes.posterior.posterior import Posterior
 
-    Result = Fit | Posterior | LoopResult
+    Result: TypeAlias = Fit | Posterior | LoopResult
 
 
 def load_result(directory: Path | str) -> RunDirectory:
@@ -76,7 +77,8 @@ def save(found: Result, directory: Path | str) -> Path:
     return write_folder(_result(found), Path(directory)).parent
 
 
-def page_of(found: Result | RunDirectory) -> str:
+@draws
+def result_page(found: Result | RunDirectory) -> str:
     """Return the page of a result: HTML that loads nothing from elsewhere."""
     if isinstance(found, RunDirectory):
         return render(found)

@@ -7,9 +7,19 @@ from collections.abc import Mapping, Sequence
 from dataclasses import fields, is_dataclass
 from enum import Enum
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
+from pydantic import BeforeValidator
+
+
+def number(value: float | None) -> float:
+    """Return a number that JSON has, not a number where that is null."""
+    return math.nan if value is None else value
+
+
+#: A number of a result, which JSON has as null where it is not finite.
+Number = Annotated[float, BeforeValidator(number)]
 
 
 def plain(value: Any) -> Any:

@@ -6,15 +6,16 @@ import re
 
 import pytest
 
+from aero_bayes.loop.result import Step, StepCandidate
 from aero_bayes.report.loop_figures import changed_equations, rounds_table
-from aero_bayes.report.schema_run import CandidateJson, LoopJson, StepJson
+from aero_bayes.report.schema_run import LoopJson
 
 pytestmark = pytest.mark.fast
 
 
 def rounds_of(shares: dict[str, float]) -> LoopJson:
-    candidates = [CandidateJson(id=id_, port="v", share=share, share_sd=0.01) for id_, share in shares.items()]
-    return LoopJson(outcome="extended", steps=[StepJson(round=1, candidates=candidates, chosen="a")])
+    candidates = [StepCandidate(id=id_, port="v", share=share, share_sd=0.01) for id_, share in shares.items()]
+    return LoopJson(outcome="extended", steps=[Step(round=1, candidates=candidates, chosen="a")])
 
 
 def test_the_bar_of_a_candidate_is_as_long_as_the_error_falls() -> None:

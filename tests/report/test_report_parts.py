@@ -6,20 +6,22 @@ import base64
 import json
 import re
 import zlib
+from dataclasses import replace
 from html import unescape
 from xml.etree import ElementTree
 
 import numpy as np
 import pytest
 
+from aero_bayes.estimate.diagnosis import DiagnosisRow
 from aero_bayes.estimate.noise import autocorrelation
+from aero_bayes.estimate.residual_tests import RecordingError
 from aero_bayes.report import words
 from aero_bayes.report.drawing import Line, Panel, band_envelope, column_means, data_table, draw, envelope, nice_ticks
 from aero_bayes.report.findings import _beside_noise, _changed, checks_table
 from aero_bayes.report.page import BITS, pack_series
 from aero_bayes.report.pairs import most_correlated
-from aero_bayes.report.schema_estimate import DiagnosisJson
-from aero_bayes.report.schema_run import EffectJson, RecordingErrorJson, RunJson
+from aero_bayes.report.schema_run import EffectJson, RunJson
 from aero_bayes.report.svg import Canvas
 from aero_bayes.report.tables import html_table, parameter_table
 from aero_bayes.report.text import duration, pretty_unit, rounded_value, sentence, signed, significant, symbol, tidy
@@ -147,16 +149,11 @@ def test_an_interval_that_is_not_even_is_written_by_its_ends_everywhere() -> Non
 
 def test_a_ratio_to_a_noise_that_is_not_known_is_not_one() -> None:
     """What was fitted is beside itself 1, whatever it is."""
-    error = {
-        "recording": "r", "role": "train", "output": "y", "after": 0.2, "noise": 0.2, "ratio": 1.0, "p_value": 1e-9,
-        "noise_known": False, "verdict": "structured",
-    }  # fmt: skip
-    told = {known: _beside_noise(RecordingErrorJson.model_validate(error | {"noise_known": known}))
-            for known in (True, False)}  # fmt: skip
+    error = RecordingError("r", "train", "y", None, 0.2, 0.2, False, 1.0, 1e-9, "structured")
+    told = {known: _beside_noise(replace(error, noise_known=known)) for known in (True, False)}
     assert told[True] == "1.00"
     assert not any(digit in told[False] for digit in "0123456789")
-    on_test = RecordingErrorJson.model_validate(error | {"role": "test", "ratio": 2.0})
-    assert _beside_noise(on_test) == "2.00"
+    assert _beside_noise(replace(error, role="test", ratio=2.0)) == "2.00"
 
 
 @pytest.mark.parametrize(
@@ -207,8 +204,8 @@ def test_a_value_many_times_larger_is_told_as_a_factor() -> None:
 
 def test_a_check_that_the_page_names_has_its_row() -> None:
     """The long sentence of a loop has it, too, but the page's head does not."""
-    row = {"cause": "data", "found": True, "what": "u was read with noise", "where": "in r", "done": "Measure better."}
-    result = RunJson.model_construct(diagnosis=[DiagnosisJson.model_validate(row)], loop=None)
+    row = DiagnosisRow("data", True, "u was read with noise", "in r", "Measure better.")
+    result = RunJson(diagnosis=[row])
     assert "u was read with noise" in checks_table(result, "With it only noise is left.")
     assert "data" in words.checks_line(result)
     assert words.checks_told(result, "") == ["Data: u was read with noise (in r). Measure better."]

@@ -341,9 +341,9 @@ def write_page(job: Job, result: Json, series: Series) -> tuple[Path, RunJson]:
         if (posterior := out / "posterior.nc").is_file():
             os.link(posterior, made / posterior.name)
         write_series(made, only_measured(series))
-        told = RunJson.model_validate(plain(result | context_part(job, result)))
-        told = told.model_copy(update={"verdict": told.verdict or words.verdict(told)})
-        write_result(made, told)
+        document = plain(result | context_part(job, result))
+        document.setdefault("verdict", words.verdict(RunJson.model_validate(document)).model_dump())
+        told = write_result(made, document)
         page = write_run_page(made)
         for name in ("series.npz", "result.json", page.name):
             (made / name).replace(out / name)

@@ -259,7 +259,7 @@ class Recording:
         >>> len(recording.plot().axes)  # the force, the position
         2
         """
-        return drawn("plots.run_figure", self, figure=ax or figure, dark=dark)
+        return drawn("run_figure", self, figure=ax or figure, dark=dark)
 
     def summary(self) -> RecordingSummary:
         """Look the recording over; no model is involved.

@@ -45,6 +45,7 @@ from aero_bayes.estimate.noise import (
 from aero_bayes.estimate.noise_estimation import estimate_noise, whiten
 from aero_bayes.estimate.objective import Objective
 from aero_bayes.estimate.target import Target
+from aero_bayes.plain import Number
 from aero_bayes.progress import Progress, Watched
 
 
@@ -111,7 +112,7 @@ MAX_PLATEAUS = 8
 class StageReport(Stage):
     """Where a stage of the local search ended: cost, SI values, and RMS error by output over all recordings."""
 
-    cost: float
+    cost: Number
     values: Mapping[str, float]
     rms: Mapping[str, float]
 

@@ -16,7 +16,7 @@ from aero_bayes.arrays import FloatArray
 from aero_bayes.display import join_names, table_html
 from aero_bayes.estimate.calibration import Calibration
 from aero_bayes.estimate.delays import MIN_INFORMATION, StepParameter
-from aero_bayes.plain import plain
+from aero_bayes.plain import Number, plain
 from aero_bayes.simulation.interface import ParameterTarget
 from aero_bayes.simulation.model import Model
 
@@ -58,7 +58,7 @@ class Combination:
 
     text: str
     members: tuple[str, ...]
-    sd_relative: float
+    sd_relative: Number
 
 
 @dataclass(frozen=True)

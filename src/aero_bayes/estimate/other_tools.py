@@ -23,7 +23,7 @@ from aero_bayes.estimate.measured_data import MeasuredData
 from aero_bayes.estimate.noise import OutputNoise, block_variance_ratio
 from aero_bayes.estimate.prediction import FittedResult
 from aero_bayes.files import whole_file, write_whole
-from aero_bayes.plain import plain
+from aero_bayes.plain import Number, plain
 from aero_bayes.simulation.interface import ParameterTarget, ProcessNoise, StartTarget
 
 #: Variance of averages over that of white noise above which a reader is warned.
@@ -108,8 +108,8 @@ class ValueTrial:
     values: Mapping[str, ListedValue]
     numbers: Mapping[str, float] = field(default_factory=dict)
     modifiers: Mapping[str, str] = field(default_factory=dict)
-    share: float = 0.0
-    worse_by: float = math.inf
+    share: Number = 0.0
+    worse_by: Number = math.inf
     failed: str = ""
 
 

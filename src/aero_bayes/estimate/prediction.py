@@ -244,7 +244,7 @@ class RecordingPrediction:
         --------
         >>> posterior.predict(test).plot().savefig("prediction.png")
         """
-        return drawn("plots.prediction_figure", self, figure=ax or figure, dark=dark)
+        return drawn("prediction_figure", self, figure=ax or figure, dark=dark)
 
     def to_frame(self) -> pandas.DataFrame:
         """Return median and 90 % band by time (s): columns (output, lower | median | upper), SI units.

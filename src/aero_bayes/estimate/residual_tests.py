@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import ClassVar, Literal
+from typing import Literal
 
 import numpy as np
 from scipy.special import chdtrc
@@ -28,7 +28,7 @@ from aero_bayes.estimate.noise_estimation import innovations, is_model_error, wh
 from aero_bayes.estimate.objective import Series
 from aero_bayes.estimate.outliers import outlier_rows
 from aero_bayes.estimate.reading_spread import SpreadModel
-from aero_bayes.plain import picked
+from aero_bayes.plain import Number, picked
 from aero_bayes.simulation.interface import SolverSettings
 
 ResidualVerdict = Literal["adequate", "structured"]
@@ -266,25 +266,26 @@ class RecordingError:
     """Error of one output in one recording (RMS, SI) before and after; a part of it is from ``begin`` to ``end``, in s.
 
     ``noise`` is that of this recording, or, where it cannot be told from the readings, that of the fit
-    (``noise_known`` is false). ``verdict`` and ``p_value`` (of a white residual) are of the model that came out."""
-
-    JSON_KEYS: ClassVar = "recording role output before after noise noise_known p_value verdict begin end ratio"
+    (``noise_known`` is false). ``ratio`` to the noise, ``verdict`` and ``p_value`` (of a white residual) are of the
+    model that came out."""
 
     recording: str
     role: Role
     output: str
     before: float | None
-    after: float
-    noise: float
+    after: Number
+    noise: Number
     noise_known: bool
-    p_value: float
+    ratio: Number
+    p_value: Number
     verdict: Verdict
     begin: float | None = None
     end: float | None = None
 
     @property
-    def ratio(self) -> float:
-        return self.after / self.noise if self.noise > 0.0 else math.inf
+    def change(self) -> float:
+        """The error after over that before; not a number where there is none before."""
+        return self.after / self.before if self.before else math.nan
 
 
 def recording_errors(
@@ -322,8 +323,8 @@ def recording_errors(
             structured = structured and rms > EXACT_SHARE * float(np.ptp(fitted))
             verdict: Verdict = "too large" if rms > MAX_RATIO * size else "structured" if structured else "noise"
             found.append(RecordingError(
-                recording.name, part.role, output, was, rms, size, floor is not None, p_value, verdict,
-                part.begin, part.end,
+                recording.name, part.role, output, was, rms, size, floor is not None,
+                rms / size if size > 0.0 else math.inf, p_value, verdict, part.begin, part.end,
             ))  # fmt: skip
     return tuple(found)
 

@@ -409,7 +409,7 @@ class Fit(OtherTools, HasPage):
         >>> len(fit.plot().axes)  # the force, the position, what is left of it
         3
         """
-        return drawn("plots.run_figure", self, recording, figure=ax or figure, dark=dark)
+        return drawn("run_figure", self, recording, figure=ax or figure, dark=dark)
 
     def _repr_html_(self) -> str:
         caption = f"{self.calibration.model.name}: {self.reason.value}"

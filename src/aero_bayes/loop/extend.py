@@ -25,7 +25,7 @@ from aero_bayes.loop.decide import ClaimKind, Decision
 from aero_bayes.loop.first_fit import SEARCHED, FirstFit, LoopContext, refitted
 from aero_bayes.loop.search import Search
 from aero_bayes.loop.table import BOTH, Table, Terms, law_of
-from aero_bayes.plain import plain
+from aero_bayes.plain import Number, plain
 from aero_bayes.structure.modelica_family import ExtendedModel
 from aero_bayes.structure.open_ports import CurveBasis, LearnedCurve
 
@@ -36,7 +36,7 @@ class Alternative:
 
     id: str
     port: str
-    error_ratio: float
+    error_ratio: Number
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from html import escape
-from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
@@ -23,12 +22,12 @@ from aero_bayes.estimate.parameters import Parameter
 from aero_bayes.estimate.predict_recordings import Prediction, Shift
 from aero_bayes.estimate.residual_tests import RecordingError, ResidualReport, reports_by_recording
 from aero_bayes.estimate.result import Fit
-from aero_bayes.figures import HasPage, describe_figure_parameters, drawn
+from aero_bayes.figures import HasPage, describe_figure_parameters, drawn, page_of
 from aero_bayes.files import ScratchFolder
 from aero_bayes.loop.decide import Decision
 from aero_bayes.loop.extend import FoundEffect, Limit
 from aero_bayes.loop.table import Table, Terms
-from aero_bayes.plain import picked
+from aero_bayes.plain import Number, picked
 from aero_bayes.simulation.interface import Interpolation
 from aero_bayes.simulation.model import Model
 from aero_bayes.unknown_names import known_names_hint
@@ -51,8 +50,8 @@ class StepCandidate:
 
     id: str
     port: str
-    share: float
-    share_sd: float
+    share: Number
+    share_sd: Number
     refitted: bool = True
 
 
@@ -61,10 +60,10 @@ class Step:
     """What one term is worth beside those before it; ``equivalent`` are those that do as well in its place."""
 
     round: int
-    candidates: tuple[StepCandidate, ...]
-    chosen: str | None
-    equivalent: tuple[str, ...]
-    why: str
+    candidates: tuple[StepCandidate, ...] = ()
+    chosen: str | None = None
+    equivalent: tuple[str, ...] = ()
+    why: str = ""
 
 
 def steps_of(table: Table, decision: Decision, required: Terms) -> tuple[Step, ...]:
@@ -301,7 +300,7 @@ class LoopResult(HasPage):
         --------
         >>> loop.plot().savefig("loop.png")
         """
-        return drawn("plots.scene_figure", self, figure=ax or figure, dark=dark)
+        return drawn("scene_figure", self, figure=ax or figure, dark=dark)
 
     @describe_figure_parameters
     def plot_rounds(self, *, ax: Axes | None = None, figure: Figure | None = None, dark: bool = False) -> Figure:
@@ -316,7 +315,7 @@ class LoopResult(HasPage):
         --------
         >>> loop.plot_rounds().savefig("rounds.png")
         """
-        return drawn("plots.rounds_figure", self, figure=ax or figure, dark=dark)
+        return drawn("rounds_figure", self, figure=ax or figure, dark=dark)
 
     def to_frame(self) -> pandas.DataFrame:
         """Return a row for each candidate of each round.
@@ -345,7 +344,7 @@ class LoopResult(HasPage):
             for output, rms in self.predicted_before.pooled(role).items()
         ]
         table = table_html(("data", "output", "error before (RMS)", "error after (RMS)"), rows, self.sentence)
-        page = escape(import_module("aero_bayes.library").page_of(self), quote=True)
+        page = escape(page_of(self), quote=True)
         return f'{table}<iframe title="report" srcdoc="{page}" width="100%" height="{FRAME_HEIGHT}"></iframe>'
 
     def _errors(self) -> str:

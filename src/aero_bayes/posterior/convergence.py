@@ -12,6 +12,7 @@ from scipy.special import ndtri
 from aero_bayes.arrays import FloatArray
 from aero_bayes.display import SettingsDisplay
 from aero_bayes.estimate.noise import autocovariance, integrated_time
+from aero_bayes.plain import Number
 
 
 @dataclass(frozen=True, repr=False)
@@ -124,10 +125,10 @@ def autocorrelation_time(samples: FloatArray, *, coupled: bool = True) -> float:
 class Convergence:
     """Diagnostics of one quantity: ``tau`` in steps, ``ess`` in samples."""
 
-    r_hat: float
-    tau: float
-    ess_bulk: float
-    ess_tail: float
+    r_hat: Number
+    tau: Number
+    ess_bulk: Number
+    ess_tail: Number
 
     @classmethod
     def worst(cls, found: Iterable[Convergence]) -> Convergence:

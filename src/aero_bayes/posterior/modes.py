@@ -16,7 +16,7 @@ from aero_bayes.errors import CannotFinishError
 from aero_bayes.estimate.finished_fit import at_optimum
 from aero_bayes.estimate.levenberg_marquardt import Stop
 from aero_bayes.estimate.local_fit import LocalFitSettings, local_fit
-from aero_bayes.estimate.modes import is_another, likelihood_temperature
+from aero_bayes.estimate.modes import Mode, is_another, likelihood_temperature
 from aero_bayes.estimate.objective import objective_of
 from aero_bayes.estimate.result import Fit
 from aero_bayes.estimate.target import CurvatureAdjustment, JointTarget
@@ -100,11 +100,9 @@ INTEGRAL_DRAWS = 1000
 
 
 @dataclass(frozen=True)
-class ModeDraws:
+class ModeDraws(Mode):
     """How many draws of a posterior are of one mode, the reported one first, and whether its chain has converged."""
 
-    values: dict[str, float]
-    share: float
     draws: int
     converged: bool
 

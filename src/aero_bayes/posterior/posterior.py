@@ -274,7 +274,7 @@ class Posterior(FittedResult, HasPage):
         """
         units = {name: entry.unit for name, entry in self.parameters.items()}
         by_name = {name: self.draws[:, :, j] for j, name in enumerate(self.names)}
-        return drawn("pairs.pairs_figure", by_name, units, parameters, figure=ax or figure, dark=dark)
+        return drawn("pairs_figure", by_name, units, parameters, figure=ax or figure, dark=dark)
 
     @describe_figure_parameters
     def plot_bands(
@@ -296,7 +296,7 @@ class Posterior(FittedResult, HasPage):
         --------
         >>> posterior.plot_bands().savefig("bands.png")
         """
-        return drawn("plots.run_figure", self, recording, figure=ax or figure, dark=dark)
+        return drawn("run_figure", self, recording, figure=ax or figure, dark=dark)
 
     def _repr_html_(self) -> str:
         caption = f"{self.calibration.model.name}: R-hat {self.r_hat_max:.4f}, ESS {self.ess_bulk_min:.0f}"

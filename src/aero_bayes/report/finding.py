@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -9,12 +10,14 @@ from markupsafe import Markup
 
 from aero_bayes.estimate.error_sentences import growing, told_first
 from aero_bayes.estimate.error_sentences import place as where
+from aero_bayes.estimate.residual_tests import RecordingError
 from aero_bayes.loop.sentences import beside, claimed, cross_validated, in_words, larger, places
+from aero_bayes.plain import number
 from aero_bayes.report import words
 from aero_bayes.report.curves import role_of
 from aero_bayes.report.drawing import Plate
 from aero_bayes.report.loop_figures import changed_equations, curve_plate
-from aero_bayes.report.schema_run import EffectJson, LoopJson, RecordingErrorJson, RunJson
+from aero_bayes.report.schema_run import EffectJson, LoopJson, RunJson
 from aero_bayes.report.tables import generic_cell, html_table
 from aero_bayes.report.text import count, duration, symbol, tidy
 
@@ -74,26 +77,27 @@ def place(effect: EffectJson) -> str:
     return "" if " at " in effect.summary else f"at {effect.port}"
 
 
-def _shown(loop: LoopJson) -> list[RecordingErrorJson]:
+def _shown(loop: LoopJson) -> list[RecordingError]:
     """Return the errors to draw: those that an effect changes or that are not noise, those that fall most first."""
     errors = told_first(loop.errors)
-    ranked = sorted(errors, key=lambda e: (e.after or 0.0) / e.before if e.before else 1.0)
-    told = [e for e in ranked if e.verdict != "noise" or (e.before and abs((e.after or 0.0) / e.before - 1.0) > 0.05)]
+    ranked = sorted(errors, key=lambda e: e.change if e.before else 1.0)
+    told = [e for e in ranked if e.verdict != "noise" or abs(e.change - 1.0) > 0.05]
     return (told or ranked)[:MOST_BARS]
 
 
-def _bars(result: RunJson, error: RecordingErrorJson) -> Markup:
+def _bars(result: RunJson, error: RecordingError) -> Markup:
     """Draw an error before and after beside the noise, each as a bar."""
     unit = result.unit(error.output)
     extended = result.loop is not None and bool(result.loop.effects)
-    sizes = [
-        ("before", "before", error.before if extended else None),
+    named = [
+        ("before", "before", number(error.before if extended else None)),
         ("after" if extended else "error", "after", error.after),
         ("noise" if error.noise_known else "of the fit", "noise", error.noise),
     ]
-    most = max((value for *_, value in sizes if value is not None), default=1.0) or 1.0
+    sizes = [size for size in named if math.isfinite(size[-1])]
+    most = max((value for *_, value in sizes), default=1.0) or 1.0
     bar = Markup('<dt>{}</dt><dd><i class="{}" style="width:{:.1f}%"></i> {}</dd>')
-    drawn = (bar.format(label, css, 62 * v / most, words.size(v, unit)) for label, css, v in sizes if v is not None)
+    drawn = (bar.format(label, css, 62 * v / most, words.size(v, unit)) for label, css, v in sizes)
     head = Markup('<p class="label">error of {} on {}</p><dl class="bars">{}</dl>')
     return head.format(symbol(error.output), where(error), Markup("").join(drawn))
 

@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
+import math
+
 from markupsafe import Markup
 
 from aero_bayes.estimate.calibrated_model import value_text
-from aero_bayes.report.schema_estimate import DiagnosisJson, McmcJson, ModeDrawsJson, QuantilesJson
-from aero_bayes.report.schema_run import RecordingErrorJson, RunJson
+from aero_bayes.estimate.diagnosis import DiagnosisRow
+from aero_bayes.estimate.residual_tests import RecordingError, Verdict
+from aero_bayes.plain import number
+from aero_bayes.posterior.modes import ModeDraws
+from aero_bayes.report.schema_estimate import McmcJson, QuantilesJson
+from aero_bayes.report.schema_run import RunJson
 from aero_bayes.report.tables import bar, html_table, intervals_glyph, ratio_glyph, status_pill
 from aero_bayes.report.text import (
     NO_VALUE,
@@ -54,21 +60,20 @@ def errors_table(result: RunJson) -> Markup:
     return html_table(columns, rows, "RMS error of each recording")
 
 
-def _beside_noise(error: RecordingErrorJson) -> str:
+def _beside_noise(error: RecordingError) -> str:
     """Return an error over the noise; of what was fitted, the error itself would stand for one that is not known."""
     return significant(error.ratio) if error.noise_known or error.role == "test" else "its floor is not known"
 
 
-def errors_of(result: RunJson) -> list[RecordingErrorJson]:
+def errors_of(result: RunJson) -> list[RecordingError]:
     """Return the errors of a loop; of a fit those that its residuals are."""
     if result.loop is not None and result.loop.errors:
         return result.loop.errors
-    kinds = {"adequate": "noise", "structured": "structured"}
+    kinds: dict[str, Verdict] = {"adequate": "noise", "structured": "structured"}
     return [
-        RecordingErrorJson.model_construct(
-            recording=recording, role=result.role(recording) or "train", output=output, before=None, after=found.rms,
-            noise=found.noise_floor, noise_known=found.noise_floor is not None, ratio=found.ratio,
-            p_value=found.p_value, verdict=kinds[found.verdict], begin=None,
+        RecordingError(
+            recording, result.role(recording) or "train", output, None, found.rms, number(found.noise_floor),
+            found.noise_floor is not None, number(found.ratio), number(found.p_value), kinds[found.verdict],
         )
         for recording, own in result.residual.items() for output, found in own.items()
     ]  # fmt: skip
@@ -89,7 +94,7 @@ def checks_table(result: RunJson, told: str) -> Markup:
     return html_table(("cause", *heads), rows, "What the checks found")
 
 
-def _check(row: DiagnosisJson | None, *, advised: bool = True) -> Markup:
+def _check(row: DiagnosisRow | None, *, advised: bool = True) -> Markup:
     if row is None:
         return Markup(NO_VALUE)
     found = Markup("").join(Markup("<p>{}</p>").format(sentence(text)) for text in row.more)
@@ -163,9 +168,9 @@ def sampler_table(mcmc: McmcJson) -> Markup:
     rows: list[tuple[object, ...]] = []
     marked = []
     for name, found in mcmc.per_parameter.items():
-        if found.r_hat is None or found.r_hat > R_HAT_LIMIT:
+        if not found.r_hat <= R_HAT_LIMIT:
             marked.append(len(rows))
-        shown = NO_VALUE if found.r_hat is None else f"{found.r_hat:.4f}"
+        shown = f"{found.r_hat:.4f}" if math.isfinite(found.r_hat) else NO_VALUE
         rows.append((symbol(name), shown, count(found.ess_bulk), count(found.ess_tail), significant(found.tau)))
     columns = ("parameter", Markup("R&#770;"), "ESS, bulk", "ESS, tail", Markup("<i>τ</i> (steps)"))
     return html_table(
@@ -189,7 +194,7 @@ def sampler_facts(mcmc: McmcJson) -> dict[str, str]:
     return {label: value for label, value in facts.items() if value not in {NO_VALUE, ""}}
 
 
-def _mode_words(mode: ModeDrawsJson) -> str:
+def _mode_words(mode: ModeDraws) -> str:
     values = ", ".join(f"{name} = {significant(value)}" for name, value in mode.values.items())
     return f"{count(mode.draws)} at {values}{'' if mode.converged else ' (not converged)'}"
 
@@ -211,7 +216,7 @@ def fit_facts(result: RunJson) -> dict[str, str]:
 
 def probability(p: float | None) -> str:
     """Return a p-value; below 0.0001 only that."""
-    if p is None:
+    if p is None or math.isnan(p):
         return NO_VALUE
     return "< 0.0001" if p < 1e-4 else significant(p, 2)
 
@@ -246,7 +251,7 @@ def listed_values_table(result: RunJson) -> Markup:
     names = list(trials[0].values)
     rows = []
     for trial in trials:
-        share = trial.share or 0.0
+        share = trial.share if math.isfinite(trial.share) else 0.0
         shown = NO_VALUE if trial.failed else f"{significant(100.0 * share)} %" if share >= 1e-3 else "< 0.1 %"
         values = [value_text(trial.values[name]) for name in names]
         worse = Markup("<small>{}</small>").format(trial.failed) if trial.failed else significant(trial.worse_by)

@@ -10,9 +10,10 @@ from difflib import SequenceMatcher
 import numpy as np
 from markupsafe import Markup, escape
 
+from aero_bayes.loop.result import Step, StepCandidate
 from aero_bayes.report.curves import largest
 from aero_bayes.report.drawing import Band, Line, Panel, Plate, plate
-from aero_bayes.report.schema_run import CandidateJson, EffectJson, LoopJson, StepJson
+from aero_bayes.report.schema_run import EffectJson, LoopJson
 from aero_bayes.report.svg import ACCENT
 from aero_bayes.report.tables import bar, html_table
 from aero_bayes.report.text import NO_VALUE, greek_name, minus, scaled_unit
@@ -23,9 +24,9 @@ _MOST_ROWS = 24
 LABEL_LETTERS = 52
 
 
-def rounds(loop: LoopJson) -> tuple[list[StepJson], list[str], list[str]]:
+def rounds(loop: LoopJson) -> tuple[list[Step], list[str], list[str]]:
     """Return rounds that tried anything, all candidates (those taken first, then by gain), and those to be drawn."""
-    steps = [step for step in loop.steps if any(c.share is not None for c in step.candidates)]
+    steps = [step for step in loop.steps if any(math.isfinite(c.share) for c in step.candidates)]
     best: dict[str, float] = {}
     for step in steps:
         for c in step.candidates:
@@ -50,7 +51,7 @@ def rounds_table(loop: LoopJson, words: Mapping[str, str]) -> Markup:
     return html_table(("candidate", "port", *heads), rows, caption)
 
 
-def _cell(found: CandidateJson | None, step: StepJson) -> Markup:
+def _cell(found: StepCandidate | None, step: Step) -> Markup:
     if found is None:
         return Markup(NO_VALUE)
     notes = [
@@ -67,16 +68,16 @@ def short_label(id_: str, words: Mapping[str, str]) -> str:
     return text if len(text) <= LABEL_LETTERS else f"{text[: LABEL_LETTERS - 1]}…"
 
 
-def fall(found: CandidateJson | EffectJson) -> float:
+def fall(found: StepCandidate | EffectJson) -> float:
     """Return by how much the error on left-out readings falls, in %; minus infinity where that is not known."""
-    return -math.inf if found.share is None else 100.0 * (1.0 - found.share)
+    return -math.inf if found.share is None or math.isnan(found.share) else 100.0 * (1.0 - found.share)
 
 
-def fall_text(found: CandidateJson | EffectJson) -> str:
+def fall_text(found: StepCandidate | EffectJson) -> str:
     """Return the same in words, with its standard error."""
-    if found.share is None:
+    if not math.isfinite(fall(found)):
         return NO_VALUE
-    spread = "" if found.share_sd is None else f" ± {100.0 * found.share_sd:.0f}"
+    spread = "" if found.share_sd is None or math.isnan(found.share_sd) else f" ± {100.0 * found.share_sd:.0f}"
     return minus(f"{fall(found):z.0f}{spread} %")
 
 

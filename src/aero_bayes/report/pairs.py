@@ -13,6 +13,7 @@ from scipy.ndimage import gaussian_filter
 
 from aero_bayes.arrays import FloatArray
 from aero_bayes.errors import InputError
+from aero_bayes.figures import draws
 from aero_bayes.report.drawing import Plate
 from aero_bayes.report.svg import ACCENT, INK, MUTED, RULE, Canvas
 from aero_bayes.report.tables import html_table
@@ -145,6 +146,7 @@ def _cell_scale(canvas: Canvas, draws: FloatArray, unit: str, left: float, foot:
     canvas.text(left + (cell - 8) / 2, foot + 24, shown.unit, MUTED, 10.5, "middle")
 
 
+@draws
 def pairs_figure(
     draws: Mapping[str, FloatArray],
     units: Mapping[str, str],

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -26,6 +27,7 @@ from aero_bayes.data.split import Role
 from aero_bayes.errors import InputError
 from aero_bayes.estimate.prediction import RecordingPrediction
 from aero_bayes.estimate.result import Fit
+from aero_bayes.figures import draws
 from aero_bayes.loop.result import LoopResult
 from aero_bayes.plain import plain
 from aero_bayes.posterior.posterior import Posterior
@@ -264,6 +266,7 @@ def loop_json(loop: LoopResult) -> LoopJson:
 TIME = "time (s)"
 
 
+@draws
 def prediction_figure(
     prediction: RecordingPrediction, *, figure: Figure | Axes | None = None, dark: bool = False
 ) -> Figure:
@@ -279,6 +282,7 @@ def prediction_figure(
     return _figure(shown, name, [*read, *unread], figure, dark)
 
 
+@draws
 def scene_figure(
     found: RunDirectory | LoopResult, *, figure: Figure | Axes | None = None, dark: bool = False
 ) -> Figure:
@@ -291,6 +295,7 @@ def scene_figure(
     return draw_panels(scene_panels(run, scene), TIME, words, title=stretch_words(run, scene), figure=figure, dark=dark)
 
 
+@draws
 def run_figure(
     found: RunDirectory | Recording | Fit | Posterior,
     recording: str | None = None,
@@ -314,6 +319,7 @@ def _figure(
     return draw_panels(panels, TIME, legend(run, name), title=name, figure=figure, dark=dark)
 
 
+@draws
 def rounds_figure(loop: LoopResult, *, figure: Figure | Axes | None = None, dark: bool = False) -> Figure:
     """Draw by how much the error on left-out readings falls as bars: a row for each candidate, a
     column for each step."""
@@ -328,7 +334,7 @@ def rounds_figure(loop: LoopResult, *, figure: Figure | Axes | None = None, dark
             found = {c.id: c for c in step.candidates}
             for row, id_ in enumerate(ids):
                 candidate = found.get(id_)
-                if candidate is None or candidate.share is None:
+                if candidate is None or not math.isfinite(candidate.share):
                     continue
                 chosen = id_ == step.chosen
                 length = max(fall(candidate), 0.0)

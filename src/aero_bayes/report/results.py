@@ -28,10 +28,12 @@ Series = dict[str, FloatArray]
 PACKAGES = ("aero-bayes", "numpy", "scipy", "emcee", "arviz", "fmpy", "rumoca")
 
 
-def write_result(directory: Path, result: RunJson | Mapping[str, Any]) -> Path:
-    """Write ``result.json``; numbers that are not finite become null."""
-    told = result if isinstance(result, RunJson) else RunJson.model_validate(plain(result))
-    return write_json(directory / "result.json", told.model_dump(by_alias=True, exclude_unset=True))
+def write_result(directory: Path, result: Mapping[str, Any]) -> RunJson:
+    """Write ``result.json``, once it can be read back; numbers that are not finite become null. Return it as read."""
+    document = plain(result)
+    told = RunJson.model_validate(document)
+    write_json(directory / "result.json", document)
+    return told
 
 
 def write_json(path: Path, document: Mapping[str, Any]) -> Path:

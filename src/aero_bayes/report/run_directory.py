@@ -189,8 +189,8 @@ class RunDirectory(HasPage):
         3
         """
         if recording is None:
-            return drawn("plots.scene_figure", self, figure=ax or figure, dark=dark)
-        return drawn("plots.run_figure", self, recording, figure=ax or figure, dark=dark)
+            return drawn("scene_figure", self, figure=ax or figure, dark=dark)
+        return drawn("run_figure", self, recording, figure=ax or figure, dark=dark)
 
     def to_frame(self) -> pandas.DataFrame:
         """Return a row for each parameter: value, standard deviation, quantiles (SI), unit, status, prior, bounds.

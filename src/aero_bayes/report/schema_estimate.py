@@ -6,6 +6,15 @@ from typing import Literal
 
 from pydantic import BaseModel, ConfigDict, JsonValue
 
+from aero_bayes.data.split import Role
+from aero_bayes.estimate.global_search import StageReport
+from aero_bayes.estimate.identifiability import Combination
+from aero_bayes.estimate.modes import Mode
+from aero_bayes.estimate.other_tools import ValueTrial
+from aero_bayes.plain import Number
+from aero_bayes.posterior.convergence import Convergence
+from aero_bayes.posterior.modes import ModeDraws
+
 Status = Literal["identified", "weak", "unidentified", "fixed", "at_bound"]
 Level = Literal["good", "warning", "bad"]
 JsonNumber = float | None
@@ -61,7 +70,7 @@ class RecordingJson(JsonTable):
     """A recording as it was used; ``noise_floor`` and ``rms`` by output."""
 
     name: str
-    role: Literal["train", "validation", "test"]
+    role: Role
     rows: int
     rate_hz: float
     duration_s: float
@@ -87,32 +96,6 @@ class LocalJson(JsonTable):
     reason: str
 
 
-class StageJson(JsonTable):
-    """A stage of the local search."""
-
-    parameters: list[str]
-    outputs: list[str]
-    cost: JsonNumber
-    values: dict[str, JsonNumber]
-    rms: dict[str, JsonNumber]
-
-
-class ModeJson(JsonTable):
-    """Another optimum that fits about as well: values of the free parameters, and how likely it is."""
-
-    values: dict[str, JsonNumber]
-    share: JsonNumber
-
-
-class ListedValuesJson(JsonTable):
-    """A fit with listed values of parameters: how likely it is, and how far its log-posterior is below the best."""
-
-    values: dict[str, bool | int | float | str]
-    share: JsonNumber
-    worse_by: JsonNumber = None
-    failed: str = ""
-
-
 class FitJson(JsonTable):
     """The best fit; ``rms`` by role and output, ``interpolation`` of each input between its samples.
 
@@ -125,10 +108,10 @@ class FitJson(JsonTable):
     log_likelihood: JsonNumber = None
     log_posterior: JsonNumber = None
     bic: JsonNumber = None
-    stages: list[StageJson] = []
+    stages: list[StageReport] = []
     pso: SwarmJson | None = None
-    modes: list[ModeJson] = []
-    values: list[ListedValuesJson] = []
+    modes: list[Mode] = []
+    values: list[ValueTrial] = []
     local: LocalJson | None = None
     start_levels: list[JsonNumber] = []
 
@@ -155,7 +138,7 @@ class NoiseJson(JsonTable):
 class ResidualJson(JsonTable):
     """Residual of an output in one recording."""
 
-    rms: JsonNumber
+    rms: Number
     noise_floor: JsonNumber = None
     ratio: JsonNumber = None
     white: bool
@@ -166,17 +149,6 @@ class ResidualJson(JsonTable):
     correlations: dict[str, JsonNumber] = {}
     worst_time: list[JsonNumber] = []
     worst_share: JsonNumber = None
-
-
-class DiagnosisJson(JsonTable):
-    """One of the causes of a residual that is not noise: what was looked at, what was found, and what was done."""
-
-    cause: Literal["data", "solver", "search", "noise", "model"]
-    found: bool
-    what: str
-    where: str = ""
-    done: str = ""
-    more: list[str] = []
 
 
 class ProfileJson(JsonTable):
@@ -190,40 +162,16 @@ class ProfileJson(JsonTable):
     bounded: JsonValue = None
 
 
-class CombinationJson(JsonTable):
-    """A combination of parameters that the data determine."""
-
-    text: str
-    members: list[str]
-    sd_relative: JsonNumber = None
-
-
 class IdentifiabilityJson(JsonTable):
     """Identifiability of the parameters."""
 
-    combinations: list[CombinationJson] = []
+    combinations: list[Combination] = []
     unidentified: list[str] = []
     flat: list[str] = []
     text: list[str] = []
     profiles: dict[str, ProfileJson] = {}
     profile_drop_90: JsonNumber = None
     not_profiled: list[str] = []
-
-
-class ConvergenceJson(JsonTable):
-    """A parameter's chains."""
-
-    r_hat: JsonNumber
-    ess_bulk: JsonNumber
-    ess_tail: JsonNumber
-    tau: JsonNumber
-
-
-class ModeDrawsJson(ModeJson):
-    """How many draws are of one of several modes, and whether its chain has converged."""
-
-    draws: int
-    converged: bool
 
 
 class McmcJson(JsonTable):
@@ -241,8 +189,8 @@ class McmcJson(JsonTable):
     reason: str = ""
     acceptance: JsonNumber = None
     evaluations: int | None = None
-    modes: list[ModeDrawsJson] = []
-    per_parameter: dict[str, ConvergenceJson] = {}
+    modes: list[ModeDraws] = []
+    per_parameter: dict[str, Convergence] = {}
 
 
 class EncoderJson(JsonTable):

@@ -6,9 +6,13 @@ from typing import Literal
 
 from pydantic import Field, JsonValue
 
+from aero_bayes.data.split import Role
+from aero_bayes.estimate.diagnosis import DiagnosisRow
+from aero_bayes.estimate.residual_tests import RecordingError
+from aero_bayes.loop.extend import Alternative, Limit
+from aero_bayes.loop.result import Step
 from aero_bayes.report.schema_estimate import (
     DataFileJson,
-    DiagnosisJson,
     DiagramJson,
     FitJson,
     IdentifiabilityJson,
@@ -37,24 +41,6 @@ class CurveJson(JsonTable):
     unit: str = ""
 
 
-class AlternativeJson(JsonTable):
-    """What does as well in the place of an effect: the left-out error with it over that with the effect."""
-
-    id: str
-    port: str = ""
-    error_ratio: JsonNumber = None
-
-
-class LimitJson(JsonTable):
-    """The smallest size of a law at a port that would have been named: a value of its first parameter."""
-
-    law: str
-    port: str
-    parameter: str
-    smallest: JsonNumber
-    unit: str = ""
-
-
 class EffectJson(JsonTable):
     """An effect; ``id`` is ``law@port``, ``value@parameter``, ``start@state`` or an id of a library.
 
@@ -69,7 +55,7 @@ class EffectJson(JsonTable):
     share_sd: JsonNumber = None
     share_of: str = ""
     claim: Literal["law", "place", "mechanism", "one of"] | None = None
-    alternatives: list[AlternativeJson] = []
+    alternatives: list[Alternative] = []
     modelica: str = ""
     summary: str = ""
     widths: dict[str, JsonNumber] = {}
@@ -77,26 +63,6 @@ class EffectJson(JsonTable):
     looks_like: str = ""
     curve: CurveJson | None = None
     tried_all: bool = True
-
-
-class CandidateJson(JsonTable):
-    """A candidate of a round: error on left-out readings with it over that without it."""
-
-    id: str
-    port: str
-    share: JsonNumber = None
-    share_sd: JsonNumber = None
-    refitted: bool = True
-
-
-class StepJson(JsonTable):
-    """A step: one term beside those of the steps before, and its rivals."""
-
-    round: int
-    candidates: list[CandidateJson] = []
-    chosen: str | None = None
-    equivalent: list[str] = []
-    why: str = ""
 
 
 class ShiftJson(JsonTable):
@@ -112,31 +78,11 @@ class ShiftJson(JsonTable):
 RmsByRole = dict[str, dict[str, JsonNumber]]
 
 
-class RecordingErrorJson(JsonTable):
-    """RMS error of an output in one recording, or in the part of it from ``begin`` to ``end`` (s), before and after.
-
-    ``noise`` is that of the recording, or of the fit where ``noise_known`` is false; ``verdict`` is of the model that
-    came out."""
-
-    recording: str
-    role: Literal["train", "validation", "test"]
-    output: str
-    before: JsonNumber = None
-    after: JsonNumber
-    noise: JsonNumber
-    noise_known: bool
-    ratio: JsonNumber = None
-    p_value: JsonNumber = None
-    verdict: Literal["noise", "structured", "too large"]
-    begin: JsonNumber = None
-    end: JsonNumber = None
-
-
 class PartJson(JsonTable):
     """Readings of a recording in one role, from ``begin`` (s) on and before ``end``."""
 
     recording: str
-    role: Literal["train", "validation", "test"]
+    role: Role
     begin: JsonNumber = None
     end: JsonNumber = None
 
@@ -153,17 +99,17 @@ class LoopJson(JsonTable):
     model: str = ""
     effects: list[EffectJson] = []
     equivalent: list[list[str]] = []
-    limits: list[LimitJson] = []
+    limits: list[Limit] = []
     parts: list[PartJson] = []
-    errors: list[RecordingErrorJson] = []
-    diagnosis_before: list[DiagnosisJson] = []
+    errors: list[RecordingError] = []
+    diagnosis_before: list[DiagnosisRow] = []
     refused: list[list[str]] = []
     before: RmsByRole = {}
     after: RmsByRole = {}
     before_sd: RmsByRole = {}
     after_sd: RmsByRole = {}
     noise_floor: dict[str, JsonNumber] = {}
-    steps: list[StepJson] = []
+    steps: list[Step] = []
     shifts: dict[str, ShiftJson] = {}
     whiteness: dict[str, dict[str, dict[str, ResidualJson]]] = {}
     blocks: int = 0
@@ -302,7 +248,7 @@ class RunJson(JsonTable):
     fit: FitJson = FitJson()
     identifiability: IdentifiabilityJson = IdentifiabilityJson()
     residual: dict[str, dict[str, ResidualJson]] = {}
-    diagnosis: list[DiagnosisJson] = []
+    diagnosis: list[DiagnosisRow] = []
     prediction: PredictionJson = PredictionJson()
     mcmc: McmcJson | None = None
     loop: LoopJson | None = None
@@ -322,14 +268,14 @@ class RunJson(JsonTable):
         return self.signals[signal].description if signal in self.signals else ""
 
     @property
-    def checks(self) -> list[DiagnosisJson]:
+    def checks(self) -> list[DiagnosisRow]:
         """The causes that were looked at; a loop's search that ended early is found in that of the search."""
         if self.loop is None or not self.loop.notes:
             return self.diagnosis
-        early = DiagnosisJson(cause="search", found=True, what=" ".join(self.loop.notes))
+        early = DiagnosisRow(cause="search", found=True, what=" ".join(self.loop.notes))
         return [early if row.cause == "search" and not row.found else row for row in self.diagnosis]
 
-    def role(self, recording: str) -> str:
+    def role(self, recording: str) -> Role | Literal[""]:
         """Return ``train``, ``validation`` or ``test``; empty for a recording that the run does not know."""
         return next((row.role for row in self.recordings if row.name == recording), "")
 

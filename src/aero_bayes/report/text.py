@@ -52,7 +52,7 @@ def signed(value: float, decimals: int) -> str:
 
 def count(value: float | None) -> str:
     """Return a whole number in groups of three digits, set apart by thin spaces."""
-    return NO_VALUE if value is None else minus(f"{round(value):,}".replace(",", "\u202f"))
+    return NO_VALUE if value is None or not math.isfinite(value) else minus(f"{round(value):,}".replace(",", "\u202f"))
 
 
 def duration(seconds: float | None) -> str:

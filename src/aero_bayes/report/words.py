@@ -8,10 +8,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from aero_bayes.display import join_names
+from aero_bayes.estimate.diagnosis import DiagnosisRow
 from aero_bayes.estimate.error_sentences import left_over
+from aero_bayes.loop.extend import Limit
 from aero_bayes.loop.sentences import lacking
-from aero_bayes.report.schema_estimate import DiagnosisJson, ParameterJson, VerdictJson
-from aero_bayes.report.schema_run import EffectJson, LimitJson, LoopJson, RunJson
+from aero_bayes.report.schema_estimate import ParameterJson, VerdictJson
+from aero_bayes.report.schema_run import EffectJson, LoopJson, RunJson
 from aero_bayes.report.tables import parameter_quantity
 from aero_bayes.report.text import pretty_unit, significant
 
@@ -78,7 +80,7 @@ def size(value: float | None, unit: str) -> str:
     return f"{significant(value)}\u00a0{pretty_unit(unit)}".strip()
 
 
-def limit(found: LimitJson) -> str:
+def limit(found: Limit) -> str:
     """Say from which size on a law would have been named."""
     least = f"`{found.parameter}` = {size(found.smallest, found.unit)}"
     return f"`{found.law}` at `{found.port}` would have been found from {least} on."
@@ -135,7 +137,7 @@ def _fit_verdict(result: RunJson) -> VerdictJson:
     return VerdictJson(level="warning" if caution else "good", text=text)
 
 
-def _cause(row: DiagnosisJson) -> str:
+def _cause(row: DiagnosisRow) -> str:
     """Return what was found of a cause, where, and what was done."""
     where, more = (
         f" ({row.where})" if row.where else "",
