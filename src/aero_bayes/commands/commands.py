@@ -364,11 +364,7 @@ def write_folder(found: Fit | Posterior | LoopResult, folder: Path) -> Path:
     store(found if isinstance(found, Fit) else found.fit, folder)
     if isinstance(found, LoopResult):
         known = found.recordings
-        job = (
-            job
-            if known is None
-            else replace(job, recordings=known.train, validation=known.validation, tests=known.test)
-        )
+        job = replace(job, recordings=known.train, validation=known.validation, tests=known.test)
         if found.modelica_path:  # the diagram of the extended model is drawn from its file
             (folder / found.modelica_path).write_text(found.modelica, encoding="utf-8")
         result, series = _loop_page_parts(job, found)

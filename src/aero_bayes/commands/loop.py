@@ -183,7 +183,7 @@ def extended_job(job: Job, loop: LoopResult) -> Job:
         model = Model.load(out / f"{loop.model}.fmu")
     freed = [p for p in later_of(job) if p.name in loop.parameters]
     fixed = {name: value for name, value in job.fixed.items() if name not in loop.parameters}
-    parameters = job.parameters.extended([*freed, *loop.added])
+    parameters = job.parameters.extended([*freed, *loop.final.added])
     found = [loop[p.name].value if p.name in loop.parameters else p.start for p in parameters]
     return replace(job, name=loop.model, model=model, parameters=parameters.with_start(np.array(found)), fixed=fixed)
 
@@ -195,9 +195,9 @@ def loop_part(job: Job, loop: LoopResult) -> Json:
         "parameters": loop_parameters(job, loop),
         "fit": {
             "rms": {role: loop.predicted_after.pooled(role) for role in ROLES},
-            "interpolation": dict(loop.interpolation),
+            "interpolation": dict(loop.after.calibration.data.interpolation),
         },
-        "residual": reports_by_recording(loop.residual_after),
+        "residual": reports_by_recording(loop.final.reports),
         "noise": noise_at_interval(loop.noise, interval),
         "diagnosis": plain((loop.diagnosis if loop.after is loop.before else loop.after.diagnosis).rows),
         "loop": {

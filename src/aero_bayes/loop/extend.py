@@ -97,7 +97,7 @@ def limits_of(search: Search, model: Terms) -> tuple[Limit, ...]:
 class ExtendedFit:
     """The model with the chosen terms, fitted: what was written, its parameters, what it leaves and what it predicts.
 
-    ``written`` is None where only values that were held fixed were wrong."""
+    ``written`` is None where nothing was added, or only values that were held fixed were wrong."""
 
     written: ExtendedModel | None
     added: tuple[Parameter, ...]

@@ -20,7 +20,7 @@ from aero_bayes.estimate.parameters import ParameterSet, ParameterSpec, chosen_p
 from aero_bayes.estimate.result import Fit
 from aero_bayes.files import ScratchFolder
 from aero_bayes.loop.decide import ClaimKind, Decision, decide
-from aero_bayes.loop.extend import extend
+from aero_bayes.loop.extend import ExtendedFit, extend
 from aero_bayes.loop.first_fit import (
     FITTED_FIRST,
     FirstFit,
@@ -164,7 +164,9 @@ def _closed(context: LoopContext, given: Fit | None) -> LoopResult:
     context.folder.mkdir(parents=True, exist_ok=True)
     statistics.tell("judging what was found", 0.96)
     (context.folder / "structures.json").write_text(json.dumps(search.table.to_dict(), separators=(",", ":")))
-    found = result_of(context, Ended(first, search, decision, extended), cause)
+    predicted = context.predictor.predict(first.plain, first.fit.optimum)
+    final = extended or ExtendedFit(None, (), (), first.fit, first.reports, predicted)
+    found = result_of(context, Ended(first, predicted, search, decision, final), cause)
     search.models.close()
     return found
 

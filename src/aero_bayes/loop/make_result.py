@@ -10,9 +10,8 @@ from functools import cached_property
 from aero_bayes.estimate.calibrated_model import CalibratedModel, calibrated_model
 from aero_bayes.estimate.diagnosis import DiagnosisRow
 from aero_bayes.estimate.error_sentences import left_over
-from aero_bayes.estimate.predict_recordings import Prediction, shifts
+from aero_bayes.estimate.predict_recordings import Prediction
 from aero_bayes.estimate.residual_tests import RecordingError, ResidualReport, recording_errors, structured_residuals
-from aero_bayes.estimate.result import Fit
 from aero_bayes.loop.decide import Decision
 from aero_bayes.loop.extend import ExtendedFit, limits_of
 from aero_bayes.loop.first_fit import FirstFit, LoopContext, LoopSettings
@@ -30,12 +29,13 @@ DISTURBANCE_SHARE = 0.8
 
 @dataclass(frozen=True, eq=False)
 class Ended:
-    """How a loop ended: the first fit, the search, what was decided on it, and the fit of the extended model."""
+    """How a loop ended: the first fit, its prediction, the search, what was decided on it, and the final fit."""
 
     first: FirstFit
+    predicted: Prediction
     search: Search
     decision: Decision
-    extended: ExtendedFit | None
+    final: ExtendedFit
 
     @cached_property
     def steps(self) -> tuple[Step, ...]:
@@ -128,18 +128,14 @@ def _disturbance(reports: Sequence[ResidualReport]) -> tuple[str, float, float] 
 
 
 def result_of(context: LoopContext, ended: Ended, cause: DiagnosisRow | None) -> LoopResult:
-    """Return all that the loop found, as plain values."""
-    first, search, decision, extended = ended.first, ended.search, ended.decision, ended.extended
-    table, written = search.table, extended.written if extended is not None else None
-    after = extended.fit if extended is not None else first.fit
-    effects = extended.effects if extended is not None else ()
-    predicted = context.predictor.predict(first.plain, first.fit.optimum)
-    same = tuple((t, *(o for o, _ in c.alternatives)) for t, c in decision.claims.items() if c.alternatives)
-    judged = extended.after if extended is not None else predicted
-    spreads, parts = after.calibration.data.spreads, context.recordings.parts
-    errors = recording_errors(parts, predicted.fitted, judged.fitted, first.floors, after.noise, spreads)
-    text, name, diff = (written.text, written.path.name, written.diff) if written is not None else ("", "", "")
-    outcome, sentence = _outcome(context, ended, predicted, errors)
+    """Return all that the loop found, and why it ended so."""
+    first, search, final = ended.first, ended.search, ended.final
+    after, predicted, recordings = final.fit, ended.predicted, context.recordings
+    spreads = after.calibration.data.spreads
+    errors = recording_errors(
+        recordings.parts, predicted.fitted, final.after.fitted, first.floors, after.noise, spreads
+    )
+    outcome, sentence = _outcome(context, ended, errors)
     steps, notes = ended.steps, tuple(filter(None, (early_end_sentence(context, search.ended),)))
     data = next((row for row in after.diagnosis if row.cause == "data" and row.found), None)
     sentence = " ".join([sentence, *left_over(errors), *notes, *([f"Data: {data.sentence}"] if data else [])])
@@ -149,50 +145,37 @@ def result_of(context: LoopContext, ended: Ended, cause: DiagnosisRow | None) ->
     found = context.statistics.outcomes
     context.statistics.end_stage("judgement")
     return LoopResult(
-        outcome=outcome, sentence=sentence, base=context.family.places.base,
-        model=written.name if written is not None else context.family.places.base, effects=effects, equivalent=same,
-        limits=limits_of(search, decision.model), refused=decision.refused, before=first.fit, after=after,
-        predicted_before=predicted, predicted_after=judged, floors=first.floors, residual_before=first.reports,
-        residual_after=extended.reports if extended is not None else first.reports, steps=steps,
-        shifts=shifts(first.fit, after) if effects else (), identifiability=after.identifiability, noise=after.noise,
-        errors=errors, modelica=text, modelica_path=name, diff=diff,
-        story=story_of(context, ended), simulations=found.total(),
+        outcome=outcome, sentence=sentence, base=context.family.places.base, first=first, predicted_before=predicted,
+        table=search.table, decision=ended.decision, final=final, limits=limits_of(search, ended.decision.model),
+        steps=steps, errors=errors, story=story_of(context, ended),
+        words={id_: context.family.describe(id_) for id_ in sorted(rivals)}, data_notes=notes, recordings=recordings,
+        calibrated=_calibrated(context.family.base_model().source, final), simulations=found.total(),
         failures=sum(count for how, count in found.items() if how), seconds=dict(context.statistics.seconds),
-        words={id_: context.family.describe(id_) for id_ in sorted(rivals)},
-        added=extended.added if extended is not None else (), diagnosis=first.fit.diagnosis,
-        interpolation=after.calibration.data.interpolation, recordings=context.recordings,
-        plain=context.family.base_model(),
-        calibrated=_calibrated(context.family.base_model().source, extended, after), table=table,
-        blocks=table.blocks, data_notes=notes,
     )  # fmt: skip
 
 
-def _outcome(
-    context: LoopContext, ended: Ended, before: Prediction, errors: Sequence[RecordingError]
-) -> tuple[LoopOutcome, str]:
+def _outcome(context: LoopContext, ended: Ended, errors: Sequence[RecordingError]) -> tuple[LoopOutcome, str]:
     """How the loop ended, and why."""
-    if ended.extended is not None:
+    if ended.final.effects:
         units = {v.name: v.unit for v in context.family.base_model().outputs}
-        told = [extended_sentence(context.family.places.base, ended.extended.effects, errors, units)]
+        told = [extended_sentence(context.family.places.base, ended.final.effects, errors, units)]
         return "extended", " ".join([*told, *_restrictions(context.settings)])
     structured = ended.search.structured(ended.decision.model)
-    far = not structured and _far_off(context, ended.first, before)
+    far = not structured and _far_off(context, ended.first, ended.predicted)
     why = none_sentence(ended, structured, far, bool(left_over(errors)))
     return "unexplained" if structured or far else "adequate", why
 
 
-def _calibrated(source: ModelicaSource | None, extended: ExtendedFit | None, after: Fit) -> CalibratedModel | None:
+def _calibrated(source: ModelicaSource | None, final: ExtendedFit) -> CalibratedModel | None:
     """The model that came out with all its values; none where it came as an FMU."""
     if source is None:
         return None
-    written = extended.written if extended is not None else None
-    calibration = after.calibration
-    values = calibration.parameters.from_search(after.optimum.coordinates)
+    written, calibration = final.written, final.fit.calibration
+    values = calibration.parameters.from_search(final.fit.optimum.coordinates)
     name, added = (source.name, {}) if written is None else (written.name, {written.path.name: written.text})
-    new = extended.added if extended is not None else ()
-    delays = [p.name for p in new if isinstance(p.target, DelayTarget)]
+    delays = [p.name for p in final.added if isinstance(p.target, DelayTarget)]
     return calibrated_model(
-        calibration, values, free_estimates(after), source=replace(source, name=name), added=added, delays=delays
+        calibration, values, free_estimates(final.fit), source=replace(source, name=name), added=added, delays=delays
     )
 
 

@@ -18,18 +18,16 @@ from aero_bayes.estimate.calibrated_model import CalibratedModel
 from aero_bayes.estimate.diagnosis import Diagnosis
 from aero_bayes.estimate.identifiability import Estimate, Identifiability
 from aero_bayes.estimate.noise import OutputNoise
-from aero_bayes.estimate.parameters import Parameter
-from aero_bayes.estimate.predict_recordings import Prediction, Shift
-from aero_bayes.estimate.residual_tests import RecordingError, ResidualReport, reports_by_recording
+from aero_bayes.estimate.predict_recordings import Prediction, Shift, shifts
+from aero_bayes.estimate.residual_tests import RecordingError, reports_by_recording
 from aero_bayes.estimate.result import Fit
 from aero_bayes.figures import HasPage, describe_figure_parameters, drawn, page_of
 from aero_bayes.files import ScratchFolder
 from aero_bayes.loop.decide import Decision
-from aero_bayes.loop.extend import FoundEffect, Limit
+from aero_bayes.loop.extend import ExtendedFit, FoundEffect, Limit
+from aero_bayes.loop.first_fit import FirstFit
 from aero_bayes.loop.table import Table, Terms
 from aero_bayes.plain import Number, picked
-from aero_bayes.simulation.interface import Interpolation
-from aero_bayes.simulation.model import Model
 from aero_bayes.unknown_names import known_names_hint
 
 if TYPE_CHECKING:
@@ -115,57 +113,35 @@ class LoopResult(HasPage):
     outcome : {"adequate", "extended", "unexplained"}
     sentence : str
         Why, in words.
-    base, model : str
-        Class of the model as it stood, and of the one that came out.
-    effects : tuple of FoundEffect
-        What was added, and what is claimed of each.
-    equivalent : tuple of tuples of str
-        Each effect with what does as well in its place.
+    base : str
+        Class of the model as it stood.
+    first : FirstFit
+        The model as it stood, fitted: its calibration, what it leaves, and the noise floors.
+    predicted_before : Prediction
+        What this predicts of all recordings, and its errors by role: training, validation, test.
+    table : Table
+        All structures with their errors, on which the decision was made.
+    decision : Decision
+        The terms of the model that came out, with what is claimed of each.
+    final : ExtendedFit
+        The model that came out, fitted: its effects and new parameters, what it leaves and predicts.
     limits : tuple of Limit
         The smallest size of each law at each port that these recordings would have shown.
-    refused : tuple of tuples of str
-        Models, by their terms, that explain the training recordings better and predict validation readings worse.
-    before, after : Fit
-        Of the model as it stood and of the one that came out (the same where nothing was added).
-    predicted_before, predicted_after : Prediction
-        What these predict of all recordings, and their errors by role: training, validation, test.
-    floors : mapping of (str, str) to float
-        Noise floor by recording and output, in the output's SI unit.
-    residual_before, residual_after : tuple of ResidualReport
     steps : tuple of Step
         One for each term that was chosen, and one for what was tried beside them.
-    shifts : tuple of Shift
-        How far parameters moved when the effects came in.
-    identifiability : Identifiability
-        What the data say of each of them.
-    noise : mapping of str to OutputNoise
     errors : tuple of RecordingError
         Of both models on each recording, with what was fitted of it apart from what was not.
-    modelica, modelica_path, diff : str
-        The extended model's source, the name of its file, and the change.
     story : tuple of str
         What was done, in sentences.
-    simulations, failures : int
-    seconds : mapping of str to float
-    added : tuple of Parameter
-        New parameters, as they were searched.
-    diagnosis : Diagnosis
-        Of the model as it stood: no effect is looked for in what another cause explains.
     words : mapping of str to str
         What candidates are, by id.
-    interpolation : mapping of str to {"hold", "linear"}
-        What each input does between its samples.
     data_notes : tuple of str
-    recordings : Recordings, optional
+    recordings : Recordings
         What was fitted and predicted.
-    plain : Model, optional
-        The model as it stood.
     calibrated : CalibratedModel, optional
         The model that came out with all its values, as Modelica; none where the model came as an FMU.
-    table : Table, optional
-        All structures with their errors, on which the decision was made.
-    blocks : int
-        Blocks of readings that were left out in turn.
+    simulations, failures : int
+    seconds : mapping of str to float
     scratch : ScratchFolder, optional
         Holds the FMUs that ``before`` and ``after`` simulate, as long as the result lives.
 
@@ -182,6 +158,14 @@ class LoopResult(HasPage):
     ['model']
     >>> loop.calibrated.name, loop.to_dict()["outcome"], loop.diff[:3]
     ('Rig_coulomb_friction_fitted', 'extended', '---')
+    >>> loop.model, loop.modelica_path, "F_c * tanh(v" in loop.modelica
+    ('Rig_coulomb_friction', 'Rig_coulomb_friction.mo', True)
+    >>> loop.before.rms["position"] > 2 * loop.noise["position"].sd > loop.after.rms["position"]
+    True
+    >>> loop.equivalent, loop.refused, [shift.name for shift in loop.shifts]  # nothing else does as well
+    ((), (), ['k', 'd'])
+    >>> str(loop.identifiability.status["F_c"])
+    'identified'
     >>> loop.series()["before/test/position"].shape == (test.rows,)
     True
     """
@@ -189,40 +173,22 @@ class LoopResult(HasPage):
     outcome: LoopOutcome
     sentence: str
     base: str
-    model: str
-    effects: tuple[FoundEffect, ...]
-    equivalent: tuple[Terms, ...]
-    limits: tuple[Limit, ...]
-    refused: tuple[Terms, ...]
-    before: Fit
-    after: Fit
+    first: FirstFit
     predicted_before: Prediction
-    predicted_after: Prediction
-    floors: Mapping[tuple[str, str], float]
-    residual_before: tuple[ResidualReport, ...]
-    residual_after: tuple[ResidualReport, ...]
+    table: Table
+    decision: Decision
+    final: ExtendedFit
+    limits: tuple[Limit, ...]
     steps: tuple[Step, ...]
-    shifts: tuple[Shift, ...]
-    identifiability: Identifiability
-    noise: Mapping[str, OutputNoise]
     errors: tuple[RecordingError, ...]
-    modelica: str
-    modelica_path: str
-    diff: str
     story: tuple[str, ...]
+    words: Mapping[str, str]
+    data_notes: tuple[str, ...]
+    recordings: Recordings
+    calibrated: CalibratedModel | None
     simulations: int
     failures: int
     seconds: Mapping[str, float]
-    added: tuple[Parameter, ...] = ()
-    diagnosis: Diagnosis = field(default_factory=Diagnosis)
-    words: Mapping[str, str] = field(default_factory=dict)
-    interpolation: Mapping[str, Interpolation] = field(default_factory=dict)
-    data_notes: tuple[str, ...] = ()
-    recordings: Recordings | None = None
-    plain: Model | None = None
-    calibrated: CalibratedModel | None = None
-    table: Table | None = None
-    blocks: int = 0
     scratch: ScratchFolder | None = field(default=None, repr=False)
 
     @property
@@ -234,7 +200,78 @@ class LoopResult(HasPage):
         >>> loop.fit["k"].unit
         'N/m'
         """
-        return self.after
+        return self.final.fit
+
+    @property
+    def before(self) -> Fit:
+        """The fit of the model as it stood."""
+        return self.first.fit
+
+    @property
+    def after(self) -> Fit:
+        """The fit of the model that came out; that of the model as it stood where nothing was added."""
+        return self.final.fit
+
+    @property
+    def predicted_after(self) -> Prediction:
+        """What the model that came out predicts of all recordings, and its errors by role."""
+        return self.final.after
+
+    @property
+    def model(self) -> str:
+        """Class of the model that came out."""
+        return self.final.written.name if self.final.written is not None else self.base
+
+    @property
+    def modelica(self) -> str:
+        """The source of the extended model; empty where nothing was written."""
+        return self.final.written.text if self.final.written is not None else ""
+
+    @property
+    def modelica_path(self) -> str:
+        """The name of its file."""
+        return self.final.written.path.name if self.final.written is not None else ""
+
+    @property
+    def diff(self) -> str:
+        """What it changes in the model as it stood."""
+        return self.final.written.diff if self.final.written is not None else ""
+
+    @property
+    def effects(self) -> tuple[FoundEffect, ...]:
+        """What was added, and what is claimed of each."""
+        return self.final.effects
+
+    @property
+    def equivalent(self) -> tuple[Terms, ...]:
+        """Each effect with what does as well in its place."""
+        claims = self.decision.claims.items()
+        return tuple((t, *(o for o, _ in c.alternatives)) for t, c in claims if c.alternatives)
+
+    @property
+    def refused(self) -> tuple[Terms, ...]:
+        """Models, by their terms, that explain training recordings better and predict validation readings worse."""
+        return self.decision.refused
+
+    @property
+    def shifts(self) -> tuple[Shift, ...]:
+        """How far parameters moved when the effects came in."""
+        return shifts(self.before, self.after) if self.effects else ()
+
+    @property
+    def identifiability(self) -> Identifiability:
+        """What the data say of each parameter of the model that came out."""
+        return self.after.identifiability
+
+    @property
+    def noise(self) -> Mapping[str, OutputNoise]:
+        """Noise of each output beside the model that came out."""
+        return self.after.noise
+
+    @property
+    def diagnosis(self) -> Diagnosis:
+        """Of the model as it stood: no effect is looked for in what another cause explains."""
+        return self.before.diagnosis
 
     @property
     def parameters(self) -> dict[str, Estimate]:
@@ -357,23 +394,23 @@ class LoopResult(HasPage):
     def to_dict(self) -> dict[str, object]:
         """Return the ``loop`` entry of result.json."""
         roles, before, after = ROLES, self.predicted_before, self.predicted_after
-        told = "outcome sentence base model equivalent limits refused blocks story diff simulations failures"
+        told = "outcome sentence base model equivalent limits refused story diff simulations failures"
         return picked(
             self, f"{told} seconds steps errors",
             effects=[effect.to_dict(self.modelica_path) for effect in self.effects],
             before={role: before.pooled(role) for role in roles}, after={role: after.pooled(role) for role in roles},
             before_sd={role: before.uncertainty(role) for role in roles},
             after_sd={role: after.uncertainty(role) for role in roles},
-            noise_floor=_pooled_floors(self.floors),
+            noise_floor=_pooled_floors(self.first.floors), blocks=self.table.blocks,
             shifts={shift.name: shift for shift in self.shifts},
             whiteness={
-                "before": reports_by_recording(self.residual_before),
-                "after": reports_by_recording(self.residual_after),
+                "before": reports_by_recording(self.first.reports),
+                "after": reports_by_recording(self.final.reports),
             },
             modelica_source=self.modelica, notes=self.data_notes,
             parts=[
                 {"recording": p.recording.name, "role": p.role, "begin": p.begin, "end": p.end}
-                for p in (self.recordings.parts if self.recordings is not None else ())
+                for p in self.recordings.parts
             ],
         )  # fmt: skip
 

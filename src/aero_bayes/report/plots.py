@@ -250,12 +250,10 @@ def _(posterior: Posterior) -> RunDirectory:
 @drawable.register
 def _(loop: LoopResult) -> RunDirectory:
     given = loop.recordings
-    if given is None:
-        raise InputError("this loop's result carries no recordings to be drawn over")
     roles: list[tuple[Recording, Role]] = [(r, "train") for r in given.train]
     roles += [(r, "validation") for r in given.validation] + [(r, "test") for r in given.test]
     told = {"command": "close-loop", "loop": loop_json(loop), "words": dict(loop.words)}
-    return view(roles, loop_series(loop), loop.plain, **told)
+    return view(roles, loop_series(loop), loop.first.plain.model, **told)
 
 
 def loop_json(loop: LoopResult) -> LoopJson:
