@@ -23,7 +23,9 @@ from pydantic.fields import FieldInfo
 from aero_bayes import cli, declared
 from aero_bayes.commands.fleet import FleetFile
 from aero_bayes.config import Config
+from aero_bayes.loop.first_fit import LoopSettings
 from aero_bayes.plain import Number
+from aero_bayes.posterior.convergence import SampleSettings
 from aero_bayes.report.schema_run import FleetJson, RunJson
 from aero_bayes.structure.candidates import describe_law
 from aero_bayes.structure.law import shipped_laws
@@ -36,13 +38,16 @@ if typing.TYPE_CHECKING:
 
 sys.path.insert(0, str(Path(__file__).parent))
 from bad_fit_pictures import pictures
+from docstrings import Docstring
 from library_entries import library
 
 log = logging.getLogger("mkdocs.hooks.reference")
 ROOT = Path(__file__).parents[1]
 MARK = re.compile(r"<!-- generate: (\w+) -->")
 
-#: What each key of the configuration means, with its unit; a ``description`` in the schema goes before.
+#: Settings whose docstring says what the keys of a section mean.
+SETTINGS = {"loop": LoopSettings, "posterior": SampleSettings}
+#: What each other key of the configuration means, with its unit; a ``description`` in the schema goes before.
 KEYS: Mapping[str, str] = {
     "model.name": "Modelica class, such as `Rig` or `Aero.Systems.HalfQuad`",
     "model.fmu": "path of an FMU, in place of a class",
@@ -110,21 +115,7 @@ KEYS: Mapping[str, str] = {
     "as `{a = 0.02, b = 0.4}`; it is then not estimated",
     "noise.initial_sd": "with process noise, how far a state's initial value may be off the model's own (standard "
     "deviation)",
-    "posterior.ensembles": "independent ensembles of walkers",
-    "posterior.walkers": "walkers of an ensemble; left out: twice the dimension and two",
-    "posterior.max_steps": "most steps of the kept chain",
-    "posterior.max_minutes": "most time, in min",
-    "posterior.r_hat": "largest R-hat with which the chain may stop",
-    "posterior.ess": "effective samples, bulk and tail, with which the chain may stop",
     "prediction.max_seconds": "most time, in s; 0 leaves it out",
-    "loop.max_effects": "most effects that are added",
-    "loop.max_minutes": "most time for the search, in min; what it has found by then is judged",
-    "loop.held_out": "share of each recording, at its end, kept from the fit where no test recording is given",
-    "loop.effects": "ids or laws to consider",
-    "loop.exclude": "ids, ports or laws that are not considered",
-    "loop.require": "ids of effects that are added without a test",
-    "loop.ports": "the only ports that are considered",
-    "loop.laws": "the only laws that are considered",
     "solver.engine": "simulator: the compiled engine, or FMPy with CVode (slow; the reference)",
     "solver.relative_tolerance": "of the integration",
     "solver.absolute_tolerance": "of the integration, over a state's nominal value",
@@ -194,7 +185,10 @@ def _section(section: type[BaseModel], path: str) -> Iterator[str]:
 
 
 def _meaning(key: str, field: FieldInfo) -> str:
-    text = field.description or KEYS.get(key, "")
+    section, _, name = key.partition(".")
+    entries = Docstring.of(SETTINGS[section]).entries("Parameters") if section in SETTINGS else []
+    own = (" ".join(text.split()) for names, _, text in entries if name in names)
+    text = field.description or KEYS.get(key) or next(own, "")
     if not text:
         log.warning("the key %s of the configuration is explained nowhere", key)
     return text
@@ -223,7 +217,7 @@ def _type(annotation: object) -> str:
         return " or ".join(_type(a) for a in arguments if a is not type(None))
     if origin in (tuple, list):
         return f"list of {_type(arguments[0])}"
-    if origin is dict:
+    if origin in (dict, collections.abc.Mapping):
         return f"{_type(arguments[1])} by name"
     words = {bool: "true or false", int: "whole number", float: "number", str: "text", Path: "path"}
     return words.get(typing.cast(type, annotation), getattr(annotation, "__name__", str(annotation)))

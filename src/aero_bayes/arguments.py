@@ -6,11 +6,17 @@ import types
 from collections.abc import Mapping, Sequence
 from numbers import Integral, Real
 from pathlib import Path
-from typing import Any, Literal, TypeVar, Union, get_args, get_origin
+from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin
+
+from pydantic import Field
 
 from aero_bayes.errors import InputError
 
 Item = TypeVar("Item")
+#: Numbers with a limit, which a file that gives them is held against.
+Positive = Annotated[float, Field(gt=0)]
+NotNegative = Annotated[float, Field(ge=0)]
+Count = Annotated[int, Field(gt=0)]
 #: By type, what returns an object of it.
 CONSTRUCTORS = {
     "Fit": "aero_bayes.fit",

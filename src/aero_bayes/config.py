@@ -4,19 +4,24 @@ from __future__ import annotations
 
 import re
 import tomllib
+from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated, Any, Literal, TypeVar
+from typing import Any, Literal, TypeVar, get_type_hints
 
-from pydantic import BaseModel, ConfigDict, Field, PrivateAttr, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, PrivateAttr, ValidationError, create_model
 
+from aero_bayes.arguments import Count, NotNegative, Positive
+from aero_bayes.data.columns import ColumnMap
 from aero_bayes.errors import InputError
+from aero_bayes.estimate.initial_states import CalibrationSettings
+from aero_bayes.estimate.levenberg_marquardt import FitSettings
+from aero_bayes.estimate.swarm import SwarmSettings
+from aero_bayes.loop.first_fit import LoopSettings
 from aero_bayes.modelica.sources import as_packages
-from aero_bayes.simulation.interface import Engine
+from aero_bayes.posterior.convergence import SampleSettings
+from aero_bayes.simulation.interface import Engine, SolverSettings
 from aero_bayes.unknown_names import closest_name, no_such_file
 
-Positive = Annotated[float, Field(gt=0)]
-NotNegative = Annotated[float, Field(ge=0)]
-Count = Annotated[int, Field(gt=0)]
 Sections = TypeVar("Sections", bound=BaseModel)
 
 
@@ -24,6 +29,20 @@ class Section(BaseModel):
     """A table of the file. Unknown keys are errors."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+def keys_of(settings: object, names: str) -> Callable[[type[Sections]], type[Sections]]:
+    """Give a section the keys that are settings of these names: their types, limits and defaults are declared there."""
+    hints = get_type_hints(type(settings), include_extras=True)
+    keys: Any = {name: (hints[name], getattr(settings, name)) for name in names.split()}
+
+    def with_keys(section: type[Sections]) -> type[Sections]:
+        found: type[Sections] = create_model(
+            section.__name__, __base__=section, __doc__=section.__doc__, __module__=section.__module__, **keys
+        )
+        return found
+
+    return with_keys
 
 
 class PriorSection(Section):
@@ -65,6 +84,7 @@ class ModelSection(Section):
     units: dict[str, str] = Field(default_factory=dict)
 
 
+@keys_of(ColumnMap(""), "unit scale offset counts_per_revolution unwrap reset missing kind stamp")
 class ColumnSection(Section):
     """``[data.columns.theta]``: where a signal stands in the file (else under its own name), and its unit there.
 
@@ -74,15 +94,6 @@ class ColumnSection(Section):
     over the interval that ends at its time, or begins there: ``stamp``."""
 
     source: str | None = None
-    unit: str | None = None
-    scale: float = 1.0
-    offset: float = 0.0
-    counts_per_revolution: Positive | None = None
-    unwrap: bool | Positive = False
-    reset: bool = False
-    missing: tuple[float, ...] | None = None
-    kind: Literal["instant", "mean"] = "instant"
-    stamp: Literal["beginning", "end"] = "end"
 
 
 class DataSection(Section):
@@ -98,12 +109,9 @@ class DataSection(Section):
     batch: str | None = None
 
 
+@keys_of(SwarmSettings(), "particles iterations tolerance")
 class PsoSection(Section):
     """``[fit.pso]``: particle swarm."""
-
-    particles: Count = 40
-    iterations: Count = 120
-    tolerance: Annotated[float, Field(ge=0)] = 0.5
 
 
 class LocalSection(Section):
@@ -121,14 +129,11 @@ class StageSection(Section):
     outputs: tuple[str, ...]
 
 
+@keys_of(FitSettings(), "cost method staged")
+@keys_of(CalibrationSettings(), "initial_states max_input_delay")
 class FitSection(Section):
     """``[fit]``: the cost, the search, and what else is estimated beside the parameters."""
 
-    cost: Literal["posterior", "weighted", "eq6"] = "posterior"
-    method: Literal["pso+local", "pso", "local"] = "pso+local"
-    staged: bool = True
-    initial_states: Literal["auto", "reading", "estimated"] = "auto"
-    max_input_delay: float | dict[str, float] | None = None
     stages: tuple[StageSection, ...] | None = None
     pso: PsoSection = PsoSection()
     local: LocalSection = LocalSection()
@@ -158,43 +163,27 @@ class NoiseSection(Section):
         return self.__pydantic_extra__
 
 
+@keys_of(SampleSettings(), "ensembles walkers max_steps max_minutes r_hat ess")
 class PosteriorSection(Section):
     """``[posterior]``: when the sampler may stop."""
-
-    ensembles: Annotated[int, Field(ge=4)] = 4
-    walkers: Count | None = None
-    max_steps: Count = 8000
-    max_minutes: Positive = 15.0
-    r_hat: Annotated[float, Field(gt=1.0)] = 1.01
-    ess: Count = 1000
 
 
 class PredictionSection(Section):
     """``[prediction]``: how well several recordings predict each other; ``max_seconds = 0`` leaves it out."""
 
-    max_seconds: Annotated[float, Field(ge=0)] = 10.0
+    max_seconds: NotNegative = 10.0
 
 
+@keys_of(LoopSettings(), "max_effects max_minutes held_out effects exclude require ports laws")
 class LoopSection(Section):
     """``[loop]``: the search for the effect that the model lacks."""
 
-    max_effects: Count = 3
-    max_minutes: Positive = 20.0
-    held_out: Annotated[float, Field(gt=0, lt=0.9)] = 0.3
-    effects: tuple[str, ...] | None = None
-    exclude: tuple[str, ...] = ()
-    require: tuple[str, ...] = ()
-    ports: tuple[str, ...] | None = None
-    laws: tuple[str, ...] | None = None
 
-
+@keys_of(SolverSettings(), "relative_tolerance absolute_tolerance time_limit")
 class SolverSection(Section):
     """``[solver]``: engine and accuracy of a simulation."""
 
     engine: Engine = "native"
-    relative_tolerance: Positive = 1e-6
-    absolute_tolerance: Positive = 1e-6
-    time_limit: Positive = 10.0
 
 
 class Config(Section):

@@ -16,13 +16,13 @@ from typing import Annotated, Any, Literal
 from pydantic import ConfigDict, Field, TypeAdapter, ValidationError
 from pydantic.dataclasses import dataclass
 
+from aero_bayes.arguments import Positive
 from aero_bayes.errors import InputError
 
 DECLARATION_FILE = "package.toml"
 #: Where an FMU keeps the declaration of the package that its model is from.
 DECLARATION_MEMBER = "resources/aero_bayes.toml"
 Interpolation = Literal["auto", "hold", "linear"]
-Positive = Annotated[float, Field(gt=0)]
 Above = Annotated[float, Field(gt=1)]
 _STRICT = ConfigDict(extra="forbid")
 

@@ -130,10 +130,10 @@ def with_chosen_values(job: Job, found: Fit) -> Job:
 
 def loop_settings(job: Job) -> LoopSettings:
     """Return the settings of the loop that the job wants."""
-    _check(job)
     section, fit_section, known = job.config.loop, job.config.fit, bool(job.model.declared.parameters)
     given = fit_section.model_fields_set
     fitting, defaults = fit_settings(job), LoopSettings()
+    _check(fitting)
     method, solver = fitting.method, fitting.calibration.solver
     if known:
         # For a rig that is known, looser tolerances and one local fit are enough unless the user says otherwise.
@@ -157,13 +157,12 @@ def loop_settings(job: Job) -> LoopSettings:
     return filled(settings, section)
 
 
-def _check(job: Job) -> None:
-    fit_section = job.config.fit
-    if job.engine != "native":
-        raise InputError(f"the loop needs the native engine, not {job.engine}")
-    if fit_section.cost != "posterior":
-        raise InputError(f'the loop fits by the posterior: [fit] cost is "{fit_section.cost}", expected "posterior"')
-    if fit_section.method == "pso":
+def _check(settings: FitSettings) -> None:
+    if settings.engine != "native":
+        raise InputError(f"the loop needs the native engine, not {settings.engine}")
+    if settings.cost != "posterior":
+        raise InputError(f'the loop fits by the posterior: [fit] cost is "{settings.cost}", expected "posterior"')
+    if settings.method == "pso":
         raise InputError('the loop needs a local search: [fit] method is "pso", expected "pso+local" or "local"')
 
 

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from aero_bayes.arguments import Positive
 from aero_bayes.arrays import FloatArray
 from aero_bayes.declared import ColumnSpec, PackageDeclaration
 from aero_bayes.errors import InputError
@@ -181,8 +182,8 @@ class ColumnMap:
     unit: str | None = None
     scale: float = 1.0
     offset: float = 0.0
-    counts_per_revolution: float | None = None
-    unwrap: bool | float = False
+    counts_per_revolution: Positive | None = None
+    unwrap: bool | Positive = False
     reset: bool = False
     missing: tuple[float, ...] | None = None
     kind: Literal["instant", "mean"] = "instant"

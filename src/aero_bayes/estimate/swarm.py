@@ -9,6 +9,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from aero_bayes.arguments import Count, NotNegative
 from aero_bayes.arrays import FloatArray
 
 BatchCost = Callable[[FloatArray], FloatArray]
@@ -25,10 +26,10 @@ class SwarmSettings:
     ``tolerance`` ends the search once the best cost improved by less than this much (in the cost's own unit) over
     ``patience`` iterations."""
 
-    particles: int = 40
-    iterations: int = 120
+    particles: Count = 40
+    iterations: Count = 120
     patience: int = 25
-    tolerance: float = 0.5
+    tolerance: NotNegative = 0.5
     reflect: bool = True
 
 

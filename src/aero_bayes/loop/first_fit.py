@@ -8,10 +8,12 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
+from pydantic import Field
 
-from aero_bayes.arguments import names_of
+from aero_bayes.arguments import Count, Positive, names_of
 from aero_bayes.arrays import FloatArray
 from aero_bayes.data.noise import noise_floors
 from aero_bayes.data.split import Recordings
@@ -94,10 +96,10 @@ class LoopSettings(SettingsDisplay):
     require: tuple[str, ...] = ()
     ports: tuple[str, ...] | None = None
     laws: tuple[str, ...] | None = None
-    max_effects: int = 3
-    held_out: float = 0.3
+    max_effects: Count = 3
+    held_out: Annotated[float, Field(gt=0, lt=0.9)] = 0.3
     cache: Path | None = None
-    max_minutes: float = 20.0
+    max_minutes: Positive = 20.0
     max_error_ratio: float = 3.0
 
     def __post_init__(self) -> None:

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass, replace
+from typing import Annotated
 
 import numpy as np
 import scipy  # imports its parts when they are first used
+from pydantic import Field
 from scipy.special import ndtri
 
+from aero_bayes.arguments import Count, Positive
 from aero_bayes.arrays import FloatArray
 from aero_bayes.display import SettingsDisplay
 from aero_bayes.estimate.noise import autocovariance, integrated_time
@@ -21,8 +24,10 @@ class SampleSettings(SettingsDisplay):
 
     Parameters
     ----------
-    ensembles, walkers : int
-        At least four ensembles; twice the dimension plus two walkers by default (None).
+    ensembles : int
+        Independent ensembles of walkers, at least four.
+    walkers : int, optional
+        Walkers of an ensemble; twice the dimension plus two by default.
     burn_in : int
         Steps of one round of burn-in, after which proposal and surrogate are fitted anew.
     max_rounds : int
@@ -31,9 +36,12 @@ class SampleSettings(SettingsDisplay):
         Steps after burn-in that are thrown away.
     max_steps, max_minutes : int, float
         Limits of the kept chain in steps and of the whole in minutes.
-    r_hat, lengths, ess : float
-        When to stop: rank-normalised R-hat across ensembles, length in autocorrelation times (never below
-        50 where walkers move by each other), and effective samples in bulk and tails of every parameter.
+    r_hat : float
+        Largest rank-normalised R-hat across ensembles with which the chain may stop.
+    lengths : float
+        Fewest autocorrelation times with which it may (never below 50 where walkers move by each other).
+    ess : float
+        Fewest effective samples with which it may, in bulk and tails of every parameter.
     dof : float
         Degrees of freedom of the Student t proposal.
     draws : int
@@ -49,16 +57,16 @@ class SampleSettings(SettingsDisplay):
     SampleSettings(max_minutes=5.0, ess=2000.0)
     """
 
-    ensembles: int = 4
-    walkers: int | None = None
+    ensembles: Annotated[int, Field(ge=4)] = 4
+    walkers: Count | None = None
     burn_in: int = 6
     max_rounds: int = 20
     settle: int = 3
-    max_steps: int = 8000
-    max_minutes: float = 15.0
-    r_hat: float = 1.01
+    max_steps: Count = 8000
+    max_minutes: Positive = 15.0
+    r_hat: Annotated[float, Field(gt=1.0)] = 1.01
     lengths: float = 10.0
-    ess: float = 1000.0
+    ess: Positive = 1000.0
     dof: float = 5.0
     draws: int = 1000
     predictive: int = 200

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_solve_banded, cholesky_banded
 
+from aero_bayes.arguments import Positive
 from aero_bayes.arrays import FloatArray
 from aero_bayes.simulation.model_description import ModelDescription
 
@@ -205,10 +206,10 @@ class SolverSettings:
     ``absolute_tolerance`` is relative to each state's nominal value. ``time_limit`` is in s of
     computing time a run."""
 
-    relative_tolerance: float = 1e-6
-    absolute_tolerance: float = 1e-6
+    relative_tolerance: Positive = 1e-6
+    absolute_tolerance: Positive = 1e-6
     max_steps: int = 200_000
-    time_limit: float = 10.0
+    time_limit: Positive = 10.0
 
 
 @dataclass(frozen=True)
