@@ -9,12 +9,15 @@ import collections.abc
 import dataclasses
 import inspect
 import logging
+import math
 import re
 import sys
 import types
 import typing
 from collections.abc import Callable, Iterator, Mapping
+from enum import Enum
 from pathlib import Path
+from typing import Any
 
 import click
 from pydantic import BaseModel
@@ -254,20 +257,16 @@ def _keys(part: type) -> list[tuple[str, object, str]]:
     """Return the keys of a table of the result, what each holds, and its default."""
     hints = typing.get_type_hints(part, include_extras=True)
     if issubclass(part, BaseModel):
-        fields = part.model_fields.items()
-        return [(field.alias or name, hints[name], _result_default(field)) for name, field in fields]
-    names = getattr(part, "JSON_KEYS", " ".join(f.name for f in dataclasses.fields(part))).split()
-    return [(name, hints[name], "always there") for name in names]
+        return [(f.alias or name, hints[name], _result_default(_value(f))) for name, f in part.model_fields.items()]
+    known = {f.name: f for f in dataclasses.fields(part)}
+    names = part.JSON_KEYS.split() if hasattr(part, "JSON_KEYS") else known
+    return [(name, hints[name], _result_default(_value(known[name]))) for name in names]
 
 
 def _part(part: type) -> str:
     rows = [(f"`{name}`", _linked(annotation), default) for name, annotation, default in _keys(part)]
-    return f"## {part.__name__}\n\n{_text(part)}\n\n" + _table(("key", "holds", "default"), rows)
-
-
-def _text(thing: object) -> str:
-    """Return a docstring without its indent, its code marked as Markdown has it."""
-    return inspect.cleandoc(thing.__doc__ or "").replace("``", "`")
+    text = Docstring.of(part).text.replace("``", "`")
+    return f"## {part.__name__}\n\n{text}\n\n" + _table(("key", "holds", "default"), rows)
 
 
 def _parts(annotation: object) -> list[type]:
@@ -282,6 +281,10 @@ def _linked(annotation: object) -> str:
         return f"[{annotation.__name__}](#{annotation.__name__.lower()})"
     if annotation == Number:
         return "number or null"
+    if origin is typing.Annotated:
+        return _linked(arguments[0])
+    if isinstance(annotation, type) and issubclass(annotation, Enum):
+        return " or ".join(f'`"{member.value}"`' for member in annotation)
     if origin in (typing.Union, types.UnionType):
         return " or ".join("null" if a is type(None) else _linked(a) for a in arguments)
     if origin in (list, tuple):
@@ -291,15 +294,21 @@ def _linked(annotation: object) -> str:
     return _type(annotation) if origin or annotation in (bool, int, float, str) else "any JSON"
 
 
-def _result_default(field: FieldInfo) -> str:
-    if field.is_required():
+def _value(field: FieldInfo | dataclasses.Field[Any]) -> object:
+    """Return the default of a field; MISSING where it has none."""
+    if isinstance(field, FieldInfo):
+        return dataclasses.MISSING if field.is_required() else field.get_default(call_default_factory=True)
+    return field.default if field.default_factory is dataclasses.MISSING else field.default_factory()
+
+
+def _result_default(value: object) -> str:
+    if value is dataclasses.MISSING:
         return "always there"
-    value = field.get_default(call_default_factory=True)
     if isinstance(value, BaseModel):
         return ""
-    if isinstance(value, list | dict):
+    if isinstance(value, list | dict | tuple):
         return "empty"
-    return "null" if value is None else str(value).lower() if isinstance(value, bool) else str(value)
+    return "null" if value in (None, math.inf) else str(value).lower() if isinstance(value, bool) else str(value)
 
 
 # Command line, laws, library ----------------------------------------------------------------------------------------

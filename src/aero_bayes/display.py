@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import MISSING, Field, fields, is_dataclass
 from functools import cache
@@ -34,8 +35,8 @@ def parameter_lines(table: Mapping[str, Any]) -> list[str]:
     Entries have ``value``, ``q05``, ``q95``, ``unit``, ``status`` and ``note``; fixed ones are left out."""
     rows = [("parameter", "value", "90 % interval", "unit", "status")]
     for name, entry in table.items():
-        status = str(entry.status or "")
-        if entry.value is not None and status != "fixed":
+        status = str(entry.status)
+        if math.isfinite(entry.value) and status != "fixed":
             sure = status not in {"unidentified", "at_bound"} and entry.q05 is not None and entry.q95 is not None
             span = f"{entry.q05:.5g} to {entry.q95:.5g}" if sure else "-"
             rows.append((name, f"{entry.value:.5g}", span, entry.unit, "; ".join(filter(None, (status, entry.note)))))

@@ -7,10 +7,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import fields, is_dataclass
 from enum import Enum
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, TypeVar
 
 import numpy as np
-from pydantic import BeforeValidator
+from pydantic import BeforeValidator, Field
 
 
 def number(value: float | None) -> float:
@@ -19,7 +19,17 @@ def number(value: float | None) -> float:
 
 
 #: A number of a result, which JSON has as null where it is not finite.
-Number = Annotated[float, BeforeValidator(number)]
+Number = Annotated[float, Field(allow_inf_nan=True), BeforeValidator(number)]
+
+
+def named(table: Any) -> Any:
+    """Return a table of JSON by name with the name in each row, from which an object that holds it is read."""
+    return {name: {"name": name, **row} if isinstance(row, Mapping) else row for name, row in table.items()}
+
+
+Item = TypeVar("Item")
+#: A table by name of objects that hold their name.
+ByName = Annotated[dict[str, Item], BeforeValidator(named)]
 
 
 def plain(value: Any) -> Any:

@@ -24,11 +24,11 @@ from aero_bayes.commands.fleet_summary import summarise_fleet
 from aero_bayes.commands.job import RunOptions, fit_parameters, which_model
 from aero_bayes.config import Config, Section, read_toml, resolve_paths, validated
 from aero_bayes.errors import CannotFinishError, InputError
+from aero_bayes.estimate.identifiability import Estimate
 from aero_bayes.estimate.parameters import Parameter
 from aero_bayes.files import write_whole
 from aero_bayes.report.fleet_page import write_fleet_page
 from aero_bayes.report.results import versions, write_json
-from aero_bayes.report.schema_estimate import ParameterJson
 from aero_bayes.report.schema_run import FleetJson, RunJson
 from aero_bayes.simulation.interface import NORMAL_HALF_WIDTH
 from aero_bayes.simulation.load_model import load_model
@@ -249,7 +249,7 @@ def _row(name: str, result: RunJson, searched: Mapping[str, Parameter]) -> Row:
         "parameters": {
             key: _parameter(entry, searched.get(key))
             for key, entry in result.parameters.items()
-            if key in wanted and entry.status != "fixed" and entry.value is not None
+            if key in wanted and entry.status != "fixed" and math.isfinite(entry.value)
         },
         "over_floor": max(ratios, default=None),
         "outcome": loop.outcome if loop else "",
@@ -262,7 +262,7 @@ def _row(name: str, result: RunJson, searched: Mapping[str, Parameter]) -> Row:
     }  # fmt: skip
 
 
-def _parameter(entry: ParameterJson, item: Parameter | None) -> dict[str, Any]:
+def _parameter(entry: Estimate, item: Parameter | None) -> dict[str, Any]:
     """Return value and unit, and centre and width of the likelihood where the rig determines the parameter.
 
     The likelihood is a Gaussian posterior over the prior's own curvature: the fleet takes the place of the rig's prior;

@@ -113,8 +113,8 @@ class StageReport(Stage):
     """Where a stage of the local search ended: cost, SI values, and RMS error by output over all recordings."""
 
     cost: Number
-    values: Mapping[str, float]
-    rms: Mapping[str, float]
+    values: Mapping[str, Number]
+    rms: Mapping[str, Number]
 
     @classmethod
     def of(cls, stage: Stage, objective: Objective, end: Optimum) -> StageReport:

@@ -342,13 +342,13 @@ class Estimate:
     JSON_KEYS: ClassVar = "value sd q05 q50 q95 unit status description prior start lower upper note recording"
 
     name: str
-    value: float
-    sd: float | None
-    q05: float | None
-    q50: float | None
-    q95: float | None
-    unit: str
-    status: Status
+    value: Number
+    sd: float | None = None
+    q05: float | None = None
+    q50: float | None = None
+    q95: float | None = None
+    unit: str = ""
+    status: Status = Status.IDENTIFIED
     description: str = ""
     prior: str = ""
     start: float | None = None

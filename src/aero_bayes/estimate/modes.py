@@ -23,6 +23,7 @@ from aero_bayes.estimate.noise import residual_correlation_time
 from aero_bayes.estimate.objective import Objective
 from aero_bayes.estimate.parameters import Parameter
 from aero_bayes.estimate.swarm import SwarmResult
+from aero_bayes.plain import Number
 
 #: Least probability, beside the reported optimum, of another one that is told.
 MIN_MODE_SHARE = 0.02
@@ -43,8 +44,8 @@ ON_THE_WAY = (0.25, 0.5, 0.75)
 class Mode:
     """Another optimum: SI values of the free parameters by name, and how likely it is (share of all modes)."""
 
-    values: dict[str, float]
-    share: float
+    values: dict[str, Number]
+    share: Number
 
     def text(self, names: Sequence[str]) -> str:
         """Return values of some parameters, and the share."""

@@ -29,6 +29,7 @@ from aero_bayes.estimate.simulate import (
     values_there,
     with_estimated_starts,
 )
+from aero_bayes.plain import Number
 from aero_bayes.simulation.interface import ParameterTarget, Problem, Simulator
 from aero_bayes.simulation.model import Model
 
@@ -88,15 +89,11 @@ class Shift:
     JSON_KEYS: ClassVar = "before before_sd after after_sd in_sd"
 
     name: str
-    before: float
-    before_sd: float
-    after: float
-    after_sd: float
-
-    @property
-    def in_sd(self) -> float:
-        sd = math.hypot(self.before_sd, self.after_sd)
-        return abs(self.after - self.before) / sd if sd > 0.0 else 0.0
+    before: Number
+    before_sd: Number
+    after: Number
+    after_sd: Number
+    in_sd: Number
 
 
 def rms_error(residual: FloatArray) -> RmsError:
@@ -118,10 +115,13 @@ def _sd_of_mean(series: FloatArray) -> float:
 def shifts(before: Fit, after: Fit) -> tuple[Shift, ...]:
     """Change of every parameter that both fits determine, the recordings' own excepted."""
     shared = (e for n, e in before.parameters.items() if n in after.parameters and not e.recording)
-    pairs = ((e, after.parameters[e.name]) for e in shared)
-    return tuple(
-        Shift(e.name, e.value, e.sd, now.value, now.sd) for e, now in pairs if e.sd is not None and now.sd is not None
-    )
+    found = []
+    for e, now in ((e, after.parameters[e.name]) for e in shared):
+        if e.sd is not None and now.sd is not None:
+            sd = math.hypot(e.sd, now.sd)
+            in_sd = abs(now.value - e.value) / sd if sd > 0.0 else 0.0
+            found.append(Shift(e.name, e.value, e.sd, now.value, now.sd, in_sd))
+    return tuple(found)
 
 
 class ModelFamily(Protocol):

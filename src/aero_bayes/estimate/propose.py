@@ -31,6 +31,7 @@ from aero_bayes.estimate.information import (
 from aero_bayes.estimate.parameters import ParameterSet
 from aero_bayes.estimate.result import Fit, HasFit, fit_of
 from aero_bayes.files import write_whole
+from aero_bayes.plain import Number
 from aero_bayes.progress import Progress, watching
 from aero_bayes.simulation.workers import WorkerPool
 
@@ -48,22 +49,19 @@ MOST_HALVINGS = 8
 class ExpectedParameter:
     """What a parameter's standard deviation is, and would be, in SI units.
 
-    ``sd_repeated`` is what as long a recording of the present input would leave."""
+    ``sd_repeated`` is what as long a recording of the present input would leave, ``gain`` how many times narrower the
+    interval would be."""
 
     JSON_KEYS: ClassVar = "value unit sd_before sd_after sd_repeated gain target"
 
     name: str
     unit: str
-    value: float
-    sd_before: float
-    sd_after: float
-    sd_repeated: float
+    value: Number
+    sd_before: Number
+    sd_after: Number
+    sd_repeated: Number
+    gain: Number
     target: bool
-
-    @property
-    def gain(self) -> float:
-        """How many times narrower the interval would be."""
-        return self.sd_before / self.sd_after
 
 
 @dataclass(frozen=True, eq=False)
@@ -221,7 +219,7 @@ def _narrowing(
     spreads = np.stack([before, after, repeated]) * predictor.shared.jacobian(predictor.values)
     rows = np.vstack([predictor.values, spreads]).T.tolist()
     expected = tuple(
-        ExpectedParameter(p.name, p.unit, value, now, later, again, j in aimed)
+        ExpectedParameter(p.name, p.unit, value, now, later, again, now / later, j in aimed)
         for j, (p, (value, now, later, again)) in enumerate(zip(predictor.shared, rows, strict=True))
     )
     return Design(

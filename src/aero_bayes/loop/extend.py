@@ -80,7 +80,7 @@ class Limit:
     law: str
     port: str
     parameter: str
-    smallest: float
+    smallest: Number
     unit: str
 
 

@@ -4,6 +4,7 @@ An effect is a :class:`~aero_bayes.loop.extend.FoundEffect` or its entry of resu
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -107,21 +108,26 @@ def _listed(known: Sequence[Any]) -> str:
 
 def _how_near(others: Sequence[Any]) -> str:
     """Say how much worse than the chosen term the worst of those predicts that the data do not tell from it."""
-    them, ratios = others[0].id if len(others) == 1 else "them", [one.error_ratio or 1.0 for one in others]
+    them, ratios = others[0].id if len(others) == 1 else "them", [_known(one.error_ratio) for one in others]
     least, most = larger(min(ratios)), larger(max(ratios))
     told = f"from {least} to {most}" if "smaller" in least else f"at most {most}"
     return f"with {them} the error on left-out and validation readings is {most if least == most else told}"
 
 
-def larger(ratio: float | None) -> str:
-    """Return by how much an error is larger or smaller, in whole per cent; a ratio that is not known is one."""
-    size = f"{100.0 * abs((ratio or 1.0) - 1.0):.0f}"
-    return f"{size} % {'larger' if (ratio or 1.0) > 1.0 else 'smaller'}" if size != "0" else "the same"
+def larger(ratio: float) -> str:
+    """Return by how much an error is larger or smaller, in whole per cent."""
+    size = f"{100.0 * abs(_known(ratio) - 1.0):.0f}"
+    return f"{size} % {'larger' if ratio > 1.0 else 'smaller'}" if size != "0" else "the same"
+
+
+def _known(ratio: float) -> float:
+    """Return a ratio; one for a ratio that is not known."""
+    return ratio if math.isfinite(ratio) else 1.0
 
 
 def _less(known: Sequence[Any]) -> str:
     """Say how much smaller the error is with finer forms of a law, which are not chosen for that."""
-    least = larger(min(one.error_ratio or 1.0 for one in known))
+    least = larger(min(_known(one.error_ratio) for one in known))
     return f", with an error up to {least}, too little for more parameters" if "smaller" in least else ""
 
 

@@ -10,12 +10,12 @@ import numpy as np
 from markupsafe import Markup
 
 from aero_bayes.errors import InputError
+from aero_bayes.estimate.identifiability import Estimate
 from aero_bayes.files import write_whole
 from aero_bayes.report.curves import FINAL_SERIES, largest, left_over
 from aero_bayes.report.drawing import Line, Panel, Plate, plate
 from aero_bayes.report.page import Part, Parts, fill, with_parts
 from aero_bayes.report.run_directory import RunDirectory
-from aero_bayes.report.schema_estimate import ParameterJson
 from aero_bayes.report.svg import SERIES
 from aero_bayes.report.tables import generic_cell, html_table, intervals_glyph, parameter_quantity, status_pill
 from aero_bayes.report.text import NO_VALUE, pretty_unit, scaled_unit, signal_title, significant, symbol
@@ -54,7 +54,7 @@ def _names(directories: Sequence[Path]) -> list[str]:
     raise InputError("a run cannot be compared with itself: the same directory was given twice")
 
 
-def _shared(runs: Runs) -> dict[str, dict[str, ParameterJson]]:
+def _shared(runs: Runs) -> dict[str, dict[str, Estimate]]:
     """Return parameters that at least one run estimates, with every run's entry."""
     names = dict.fromkeys(
         name for run in runs.values() for name, entry in run.result.parameters.items() if entry.status != "fixed"
@@ -78,17 +78,17 @@ def _estimates_by_run_table(runs: Runs) -> Markup:
     return html_table(heads, rows, "Parameters, with 90 % intervals")
 
 
-def _estimate(found: ParameterJson | None) -> Markup | str:
+def _estimate(found: Estimate | None) -> Markup | str:
     if found is None:
         return NO_VALUE
     shown, sure = parameter_quantity(found)
     if not sure:
-        return Markup("{} {}").format(shown.value, status_pill(found.status or ""))
+        return Markup("{} {}").format(shown.value, status_pill(found.status))
     return Markup("{}<small>{} … {}</small>").format(shown.value, shown.low, shown.high)
 
 
-def _apart(entries: Sequence[ParameterJson]) -> str:
-    known = [(e.value, e.sd) for e in entries if e.value is not None and e.sd]
+def _apart(entries: Sequence[Estimate]) -> str:
+    known = [(e.value, e.sd) for e in entries if math.isfinite(e.value) and e.sd]
     gaps = [
         abs(a - b) / math.hypot(s, t) for k, (a, s) in enumerate(known) for b, t in known[k + 1 :] if s and t
     ]  # fmt: skip

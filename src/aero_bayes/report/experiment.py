@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
 from markupsafe import Markup
 
 from aero_bayes.arrays import FloatArray
+from aero_bayes.estimate.identifiability import Estimate
 from aero_bayes.report.curves import largest, named
 from aero_bayes.report.drawing import Band, Line, Panel, Plate, plate
 from aero_bayes.report.run_directory import RunDirectory
-from aero_bayes.report.schema_estimate import QuantilesJson
 from aero_bayes.report.schema_run import DesignJson
 from aero_bayes.report.svg import INK, SERIES
 from aero_bayes.report.tables import bar, html_table, parameter_quantity
@@ -81,30 +82,30 @@ def _output(run: RunDirectory, plan: DesignJson, time: FloatArray, name: str) ->
 def _gains(plan: DesignJson) -> Markup:
     rows: list[tuple[object, ...]] = []
     marked: list[int] = []
-    most = max((entry.gain or 0.0 for entry in plan.parameters.values()), default=1.0)
+    most = max((entry.gain for entry in plan.parameters.values() if math.isfinite(entry.gain)), default=1.0)
     for name, entry in sorted(plan.parameters.items(), key=lambda item: not item[1].target):
         value, now = entry.value, entry.sd_before
-        if value is None or now is None:
+        if not math.isfinite(value + now):
             continue
-        shown, _ = parameter_quantity(QuantilesJson(value=value, q05=value - now, q95=value + now, unit=entry.unit))
+        shown, _ = parameter_quantity(Estimate(name, value, q05=value - now, q95=value + now, unit=entry.unit))
         spreads = (now, entry.sd_after, entry.sd_repeated)
         if entry.target:
             marked.append(len(rows))
         rows.append((
             symbol(name), shown.value, shown.unit, *(_relative(sd, value) for sd in spreads),
-            bar((entry.gain or 0.0) / most, f"{name}: {significant(entry.gain)} times narrower"), _times(entry.gain),
+            bar(entry.gain / most, f"{name}: {significant(entry.gain)} times narrower"), _times(entry.gain),
         ))  # fmt: skip
     columns = ("parameter", "value", "unit", "now", "expected after", "old input again", "", "times narrower")
     caption = "Standard deviations in per cent of the value (marked: the parameters that the signal is for)"
     return html_table(columns, rows, caption, marked)
 
 
-def _relative(sd: float | None, value: float) -> str:
-    return NO_VALUE if sd is None or not value else f"{significant(100 * sd / abs(value), 2)} %"
+def _relative(sd: float, value: float) -> str:
+    return NO_VALUE if not math.isfinite(sd) or not value else f"{significant(100 * sd / abs(value), 2)} %"
 
 
-def _times(gain: float | None) -> str:
-    return NO_VALUE if gain is None else f"{gain:.2f}" if gain < 10 else tidy(gain, 3)
+def _times(gain: float) -> str:
+    return NO_VALUE if not math.isfinite(gain) else f"{gain:.2f}" if gain < 10 else tidy(gain, 3)
 
 
 def _families(plan: DesignJson) -> Markup:

@@ -8,10 +8,11 @@ from markupsafe import Markup
 
 from aero_bayes.estimate.calibrated_model import value_text
 from aero_bayes.estimate.diagnosis import DiagnosisRow
+from aero_bayes.estimate.identifiability import Estimate
 from aero_bayes.estimate.residual_tests import RecordingError, Verdict
 from aero_bayes.plain import number
 from aero_bayes.posterior.modes import ModeDraws
-from aero_bayes.report.schema_estimate import McmcJson, QuantilesJson
+from aero_bayes.report.schema_estimate import McmcJson
 from aero_bayes.report.schema_run import RunJson
 from aero_bayes.report.tables import bar, html_table, intervals_glyph, ratio_glyph, status_pill
 from aero_bayes.report.text import (
@@ -110,8 +111,8 @@ def shifts_table(result: RunJson) -> Markup:
     """Write parameters before and after the model was extended, and how far each moved; None for another run."""
     loop, rows = result.loop, []
     for name, moved in loop.shifts.items() if loop is not None and loop.effects else ():
-        now = result.parameters.get(name) or _spread(moved.after, moved.after_sd)
-        drawn = intervals_glyph(name, [_spread(moved.before, moved.before_sd), now], ("warm", "accent"))
+        now = result.parameters.get(name) or _spread(name, moved.after, moved.after_sd)
+        drawn = intervals_glyph(name, [_spread(name, moved.before, moved.before_sd), now], ("warm", "accent"))
         change = _changed(moved.before, moved.after)
         about = Markup("{}<small>{}</small>").format(symbol(name), now.description)
         rows.append((about, drawn, change, significant(moved.in_sd, 2)))
@@ -121,19 +122,19 @@ def shifts_table(result: RunJson) -> Markup:
     return html_table(heads, rows, caption)
 
 
-def _changed(before: float | None, after: float | None) -> str:
+def _changed(before: float, after: float) -> str:
     """Return a change in per cent, or as a factor where a value is several times what it was."""
-    if not before or after is None:
+    if not before or not math.isfinite(after / before):
         return NO_VALUE
     if after / before >= MIN_TIMES:
         return f"{significant(after / before, 3)}\u00a0times"
     return f"{signed(100 * (after - before) / abs(before), 1)}\u00a0%"
 
 
-def _spread(value: float | None, sd: float | None) -> QuantilesJson:
-    if value is None or sd is None:
-        return QuantilesJson(value=value)
-    return QuantilesJson(value=value, q05=value - NORMAL_HALF_WIDTH * sd, q95=value + NORMAL_HALF_WIDTH * sd)
+def _spread(name: str, value: float, sd: float) -> Estimate:
+    if not math.isfinite(sd):
+        return Estimate(name, value)
+    return Estimate(name, value, q05=value - NORMAL_HALF_WIDTH * sd, q95=value + NORMAL_HALF_WIDTH * sd)
 
 
 def noise_model_table(result: RunJson) -> Markup:

@@ -23,6 +23,7 @@ from aero_bayes.estimate.prediction import RecordingPrediction
 from aero_bayes.estimate.simulate import simulate
 from aero_bayes.estimate.stored_fit import StoredFit, stored
 from aero_bayes.figures import HasPage, describe_figure_parameters, drawn
+from aero_bayes.plain import plain
 from aero_bayes.report.schema_run import SCHEMA, RunJson
 
 if TYPE_CHECKING:
@@ -202,7 +203,7 @@ class RunDirectory(HasPage):
         """
         import pandas
 
-        rows = {name: entry.model_dump() for name, entry in self.result.parameters.items()}
+        rows = {name: plain(entry) for name, entry in self.result.parameters.items()}
         return pandas.DataFrame.from_dict(rows, orient="index").rename_axis("parameter")
 
     def __repr__(self) -> str:
@@ -213,7 +214,7 @@ class RunDirectory(HasPage):
     def _repr_html_(self) -> str:
         entries = self.result.parameters.items()
         rows = [
-            (n, *("" if x is None else f"{x:.4g}" for x in (p.value, p.q05, p.q95)), p.unit, p.status or "")
+            (n, *("" if x is None else f"{x:.4g}" for x in (p.value, p.q05, p.q95)), p.unit, p.status)
             for n, p in entries
         ]
         head = ("parameter", "value", "5 %", "95 %", "unit", "status")

@@ -15,7 +15,6 @@ from aero_bayes.plain import Number
 from aero_bayes.posterior.convergence import Convergence
 from aero_bayes.posterior.modes import ModeDraws
 
-Status = Literal["identified", "weak", "unidentified", "fixed", "at_bound"]
 Level = Literal["good", "warning", "bad"]
 JsonNumber = float | None
 
@@ -24,30 +23,6 @@ class JsonTable(BaseModel):
     """A table of the result. Keys that are not named here are kept."""
 
     model_config = ConfigDict(frozen=True, extra="allow", populate_by_name=True, allow_inf_nan=False)
-
-
-class QuantilesJson(JsonTable):
-    """A value with its standard deviation and quantiles; no spread where the data give none."""
-
-    value: JsonNumber = None
-    sd: JsonNumber = None
-    q05: JsonNumber = None
-    q50: JsonNumber = None
-    q95: JsonNumber = None
-    unit: str = ""
-    description: str = ""
-
-
-class ParameterJson(QuantilesJson):
-    """A parameter: its estimate, search range, prior and status."""
-
-    status: Status | None = None
-    prior: str = ""
-    start: JsonNumber = None
-    lower: JsonNumber = None
-    upper: JsonNumber = None
-    note: str = ""
-    recording: str = ""
 
 
 class VerdictJson(JsonTable):

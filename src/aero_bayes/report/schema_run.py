@@ -8,9 +8,14 @@ from pydantic import Field, JsonValue
 
 from aero_bayes.data.split import Role
 from aero_bayes.estimate.diagnosis import DiagnosisRow
+from aero_bayes.estimate.identifiability import Estimate
+from aero_bayes.estimate.information import Limits
+from aero_bayes.estimate.predict_recordings import Shift
+from aero_bayes.estimate.propose import ExpectedParameter
 from aero_bayes.estimate.residual_tests import RecordingError
 from aero_bayes.loop.extend import Alternative, Limit
 from aero_bayes.loop.result import Step
+from aero_bayes.plain import ByName
 from aero_bayes.report.schema_estimate import (
     DataFileJson,
     DiagramJson,
@@ -21,7 +26,6 @@ from aero_bayes.report.schema_estimate import (
     McmcJson,
     ModelJson,
     NoiseJson,
-    ParameterJson,
     PredictionJson,
     RecordingJson,
     ResidualJson,
@@ -50,7 +54,7 @@ class EffectJson(JsonTable):
     id: str
     port: str
     kind: Literal["catalogue", "free_form"]
-    parameters: dict[str, ParameterJson] = {}
+    parameters: ByName[Estimate] = {}
     share: JsonNumber = None
     share_sd: JsonNumber = None
     share_of: str = ""
@@ -63,16 +67,6 @@ class EffectJson(JsonTable):
     looks_like: str = ""
     curve: CurveJson | None = None
     tried_all: bool = True
-
-
-class ShiftJson(JsonTable):
-    """How far a base parameter moved."""
-
-    before: JsonNumber
-    before_sd: JsonNumber
-    after: JsonNumber
-    after_sd: JsonNumber
-    in_sd: JsonNumber
 
 
 RmsByRole = dict[str, dict[str, JsonNumber]]
@@ -110,7 +104,7 @@ class LoopJson(JsonTable):
     after_sd: RmsByRole = {}
     noise_floor: dict[str, JsonNumber] = {}
     steps: list[Step] = []
-    shifts: dict[str, ShiftJson] = {}
+    shifts: ByName[Shift] = {}
     whiteness: dict[str, dict[str, dict[str, ResidualJson]]] = {}
     blocks: int = 0
     story: list[str] = []
@@ -120,25 +114,6 @@ class LoopJson(JsonTable):
     simulations: int = 0
     failures: int = 0
     seconds: dict[str, float] = {}
-
-
-class DesignedParameterJson(JsonTable):
-    """A parameter's standard deviation now, and expected after the experiment."""
-
-    value: JsonNumber
-    unit: str = ""
-    sd_before: JsonNumber
-    sd_after: JsonNumber = None
-    sd_repeated: JsonNumber = None
-    gain: JsonNumber = None
-    target: bool = False
-
-
-class DesignLimitsJson(JsonTable):
-    """Limits of the rig."""
-
-    amplifier: JsonNumber = None
-    travel: dict[str, JsonNumber] = {}
 
 
 class DesignJson(JsonTable):
@@ -151,9 +126,9 @@ class DesignJson(JsonTable):
     duration: float
     rate_hz: JsonNumber = None
     gain: JsonNumber = None
-    parameters: dict[str, DesignedParameterJson] = {}
+    parameters: ByName[ExpectedParameter] = {}
     travel: dict[str, JsonNumber] = {}
-    limits: DesignLimitsJson = DesignLimitsJson()
+    limits: Limits
     table: dict[str, list[JsonNumber]] = {}
     seed: int | None = None
     file: str = ""
@@ -241,9 +216,9 @@ class RunJson(JsonTable):
     model: ModelJson = ModelJson()
     diagrams: list[DiagramJson] = []
     recordings: list[RecordingJson] = []
-    parameters: dict[str, ParameterJson] = {}
+    parameters: ByName[Estimate] = {}
     noise: dict[str, NoiseJson] = {}
-    process_noise: dict[str, ParameterJson] = {}
+    process_noise: ByName[Estimate] = {}
     sensors: dict[str, SensorJson] = {}
     fit: FitJson = FitJson()
     identifiability: IdentifiabilityJson = IdentifiabilityJson()

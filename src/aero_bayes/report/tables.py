@@ -8,8 +8,8 @@ from collections.abc import Mapping, Sequence
 
 from markupsafe import Markup, escape
 
+from aero_bayes.estimate.identifiability import Estimate
 from aero_bayes.estimate.residual_tests import MIN_CORRELATION
-from aero_bayes.report.schema_estimate import ParameterJson, QuantilesJson
 from aero_bayes.report.text import (
     NO_VALUE,
     RoundedValue,
@@ -77,12 +77,12 @@ def _numeric(cells: Sequence[object]) -> bool:
     return all(_NUMBER.match(text) for text in texts if text.strip()) and any(text.strip() for text in texts)
 
 
-def parameter_table(parameters: Mapping[str, ParameterJson], caption: str = "Estimates") -> Markup:
+def parameter_table(parameters: Mapping[str, Estimate], caption: str = "Estimates") -> Markup:
     """Write value, 90 % interval, unit and status of every parameter.
 
     What was fixed, ended on a bound, or is not determined by the data never shows an interval."""
     rows: list[tuple[object, ...]] = []
-    for name, stated in sorted(parameters.items(), key=lambda item: _RANKS.get(item[1].status or "", 1)):
+    for name, stated in sorted(parameters.items(), key=lambda item: _RANKS[item[1].status]):
         shown, sure = parameter_quantity(stated)
         ends = Markup(
             '<span class="whole">{}<span class="to">\u00a0…</span></span> <span class="whole">{}</span>'
@@ -93,7 +93,7 @@ def parameter_table(parameters: Mapping[str, ParameterJson], caption: str = "Est
         value = Markup('<span class="{}">{}</span><small class="narrow">{}</small>').format(
             "held whole" if held else "whole", shown.value, shown.unit
         )
-        rows.append((about, value, ends if sure else NO_VALUE, shown.unit, status_pill(stated.status or ""),
+        rows.append((about, value, ends if sure else NO_VALUE, shown.unit, status_pill(stated.status),
                      "; ".join(filter(None, (stated.note, own)))))  # fmt: skip
     columns = ["parameter", "value", "90 % interval", "unit"]
     columns += ["status", ""]
@@ -102,7 +102,7 @@ def parameter_table(parameters: Mapping[str, ParameterJson], caption: str = "Est
     return Markup('<div class="estimates">{}</div>').format(html_table(columns, rows, caption)) if rows else Markup("")
 
 
-def prior_table(parameters: Mapping[str, ParameterJson]) -> Markup:
+def prior_table(parameters: Mapping[str, Estimate]) -> Markup:
     """Write prior, start and bounds of every parameter that was fitted; None where there is none."""
     rows = []
     for name, stated in parameters.items():
@@ -115,11 +115,10 @@ def prior_table(parameters: Mapping[str, ParameterJson]) -> Markup:
     return html_table(columns, rows, "Priors, starts and bounds")
 
 
-def parameter_quantity(stated: QuantilesJson) -> tuple[RoundedValue, bool]:
+def parameter_quantity(stated: Estimate) -> tuple[RoundedValue, bool]:
     """Return a parameter's texts, and whether it may show an interval at all."""
     low, high = stated.q05, stated.q95
-    status = stated.status if isinstance(stated, ParameterJson) else None
-    sure = status not in {"unidentified", "fixed", "at_bound"} and low is not None and high is not None
+    sure = stated.status not in {"unidentified", "fixed", "at_bound"} and low is not None and high is not None
     if not sure:
         low = high = None
     return rounded_value(stated.value, low, high, stated.unit).apart, sure
@@ -133,11 +132,11 @@ def status_pill(status: str) -> Markup:
     return Markup('<span class="pill {}" title="{}">{}</span>').format(known, _STATUS_WORDS.get(status, ""), status)
 
 
-def status_words(parameters: Mapping[str, ParameterJson]) -> Markup:
+def status_words(parameters: Mapping[str, Estimate]) -> Markup:
     """Say what each of the statuses that parameters have means."""
     found = {entry.status for entry in parameters.values()}
     meant = (Markup("<strong>{}</strong>: {}").format(s, _STATUS_WORDS[s]) for s in _RANKS if s in found)
-    return Markup('<p class="lead">{}.</p>').format(Markup("; ").join(meant)) if found - {None} else Markup("")
+    return Markup('<p class="lead">{}.</p>').format(Markup("; ").join(meant)) if found else Markup("")
 
 
 def ratio_glyph(before: float | None, after: float | None) -> Markup:
@@ -163,15 +162,16 @@ def ratio_glyph(before: float | None, after: float | None) -> Markup:
     ).format(words, at(1.0), at(1.0), marks)
 
 
-def intervals_glyph(name: str, found: Sequence[QuantilesJson | None], colours: Sequence[str]) -> Markup:
+def intervals_glyph(name: str, found: Sequence[Estimate | None], colours: Sequence[str]) -> Markup:
     """Draw values with their 90 % intervals one below the other, over a scale of their own."""
+    found = [q if q is not None and math.isfinite(q.value) else None for q in found]
     ends = [end for q in found if q is not None for end in (q.q05, q.q95, q.value) if end is not None]
     if not any(q is not None and q.q05 is not None for q in found):
         return Markup("")
     low, spread = min(ends), (max(ends) - min(ends)) or abs(max(ends)) or 1.0
     marks = Markup("")
     for k, q in enumerate(found):
-        if q is not None and q.value is not None:
+        if q is not None:
             known = (q.value if end is None else end for end in (q.q05, q.value, q.q95))
             first, middle, last = (f"{4 + 92 * (end - low) / spread:.1f}%" for end in known)
             marks += Markup(
