@@ -30,7 +30,6 @@ from aero_bayes.loop.first_fit import LoopSettings
 from aero_bayes.plain import Number
 from aero_bayes.posterior.convergence import SampleSettings
 from aero_bayes.report.schema_run import FleetJson, RunJson
-from aero_bayes.structure.candidates import describe_law
 from aero_bayes.structure.law import shipped_laws
 from aero_bayes.structure.law_places import LawPlaces
 
@@ -341,8 +340,8 @@ def effects() -> str:
     rows = [
         (
             f"`{c.id}`",
-            places.port_name(c.port),
-            describe_law(c.law, c.port),
+            places.place_name(c),
+            places.describe(c),
             ", ".join(f"`{p.name}`" for p in c.law.parameters),
         )
         for c in places.candidates

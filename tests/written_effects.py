@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import replace
 from pathlib import Path
 
-from aero_bayes.structure.candidates import place_laws
+from aero_bayes.structure.candidates import PlacedLaw, place_laws
 from aero_bayes.structure.law_places import LawPlaces
 from aero_bayes.structure.write_model import WrittenModel, reserved_names, write_laws
 
 
+def placed_effects(base: str, ids: Collection[str]) -> tuple[PlacedLaw, ...]:
+    """Effects of a base system, at sizes of one."""
+    places = LawPlaces(base)
+    return place_laws([c for c in places.candidates if c.id in ids], reserved_names(places.flat, ()), {})
+
+
 def write_effects(base: str, effects: Mapping[str, Mapping[str, float]], folder: Path, name: str = "") -> WrittenModel:
     """A base system with effects by id, at values of their parameters; defaults where not given."""
-    places = LawPlaces(base)
-    chosen = [c for c in places.candidates if c.id in effects]
-    uses = place_laws(chosen, reserved_names(places.flat, ()), {})
-    uses = tuple(replace(use, values=effects[use.id]) for use in uses)
-    return write_laws((), base, places.flat, uses, folder, name)
+    own = [replace(part, values=effects[p.id]) for p in placed_effects(base, effects) for part in p.parts]
+    return write_laws((), base, LawPlaces(base).flat, own, folder, name)

@@ -7,10 +7,9 @@ package Aero "Twin-rotor bench (Quanser AERO): DC motors, propellers and a pitch
 multi-domain model of the paper <i>Parameter Optimization and Model Validation of Quanser AERO using Modelica and
 RaPIId</i> (Eqs. 1 to 5) and needs no other library.</p>
 <ul>
-<li><b>Interfaces</b>: connectors, and the partial models that an effect or a law extends.</li>
+<li><b>Interfaces</b>: connectors, and the partial models of the propeller's laws.</li>
 <li><b>Electrical</b>, <b>Mechanical</b>, <b>Aerodynamics</b>: the components.</li>
-<li><b>Functions</b>: tables.</li>
-<li><b>Effects</b>: physics that the base model lacks, one component each; every one vanishes where its parameter is zero.</li>
+<li><b>Effects</b>: laws of the AERO alone; the others that its models may lack are in the package <code>Laws</code>.</li>
 <li><b>Systems</b>: assembled benches with input <code>V_m</code> and outputs <code>i_m</code>, <code>omega_m</code>, <code>theta</code>, and one free in pitch and yaw.</li>
 <li><b>Experiments</b>: ready-to-run set-ups.</li>
 </ul>

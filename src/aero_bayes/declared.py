@@ -81,16 +81,23 @@ class DeclaredParameter:
 
 @dataclass(frozen=True, config=_STRICT)
 class DeclaredEffect:
-    """An effect under a declared name."""
+    """An effect under a declared name: a law at ports, ``coulomb_friction@rotor``.
+
+    The law acts at once at all ports that have the name, or are joined by ``+``; those that a model does not have are
+    left out. ``starts`` and ``inverse_shares`` (of the largest input) are values from which a search starts, ``sizes``
+    typical sizes of the port in place of those that the recordings show."""
 
     law: str
+    sizes: Mapping[str, Positive] = field(default_factory=dict)
     starts: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
     inverse_shares: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, config=_STRICT)
 class PackageDeclaration:
-    """All that a package declares; empty for a model without a declaration."""
+    """All that a package declares; empty for a model without a declaration.
+
+    ``ports`` has names of ports by their ids. If there are ``effects``, no other laws are tried."""
 
     package: str = ""
     systems: tuple[str, ...] = ()

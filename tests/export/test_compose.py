@@ -78,7 +78,7 @@ def test_the_flat_model_says_where_everything_comes_from(base):
     kinds = {e.origin for e in base.equations}
     assert kinds == {"component", "connection", "flow", "binding"}
     shared = next(e for e in base.equations if e.origin == "flow" and "body.flange.tau" in names_in(e.left))
-    assert {"arm_1.flange.tau", "body.flange.tau", "bodyEffect.flange.tau", "arm_2.flange.tau"} == names_in(shared.left)
+    assert {"arm_1.flange.tau", "body.flange.tau", "arm_2.flange.tau"} == names_in(shared.left)
 
 
 def test_a_law_put_at_a_balance_acts_as_its_formula(base, law, tmp_path):

@@ -1,111 +1,119 @@
-"""Every effect: nothing where it is switched off, and the formula of its description where it is on."""
+"""Every effect of the AERO: nothing where it is off, and the formula of its law at its place where it is on."""
 
 from __future__ import annotations
 
 from math import cos, sqrt, tanh
 
-import fmpy
 import numpy as np
 import pytest
 from export_driver import driven
 from fmpy.validation import validate_fmu
 from hand_written_aero import NOMINAL, SCALES, STATES
+from written_effects import placed_effects
 
 from aero_bayes.modelica.library import declaration_of
 from aero_bayes.structure.law_places import LawPlaces
 
-#: A magnitude for each switching parameter, and the second parameters.
+EFFECTS = declaration_of("Aero.Systems.OneDof").effects
+#: A magnitude for the first parameter of each effect that is no curve; at sizes of one.
 ON = {
-    "R_s": 1.3, "V_b": 0.7, "r_h": 25.0, "V_dz": 0.6, "s_sat": 0.08, "tau_r": 8e-4, "d_r": 3e-6, "k_v": 2e-4,
-    "T_f": 0.12, "a_f": -0.2, "tau_c": 1.1e-3, "c_b": 4e-3, "tau_g": -9e-4, "k_3": 6e-3, "b_i": 0.02, "T_w": 0.04,
-    "T_d": 0.03, "b_th": -0.015, "tau_p": 9e-4,
+    "supply_resistance": 1.3, "brush_drop": 0.7, "winding_heating": 25.0, "amplifier_deadzone": 0.6,
+    "amplifier_saturation": 0.08, "rotor_coulomb_friction": 8e-4, "rotor_viscous_friction": 3e-6,
+    "thrust_inflow_loss": 2e-4, "thrust_lag": 0.12, "thrust_asymmetry": -0.2, "pivot_coulomb_friction": 1.1e-3,
+    "body_quadratic_drag": 4e-3, "gravity_offset": -9e-4, "cubic_stiffness": 6e-3, "current_offset": 0.02,
+    "speed_lag": 0.04, "pitch_delay": 0.03, "pitch_offset": -0.015, "pivot_presliding_friction": 9e-4,
 }  # fmt: skip
+OF = {p.id: p for p in placed_effects("Aero.Systems.OneDof", EFFECTS)}
+#: The name of the first parameter of each effect in a model with all of them.
+NAMES = {id_: p.names[p.law.magnitude.name] for id_, p in OF.items()}
+PATHS = {"i_m": "thruster_1.motor.inductor.i", "omega_m": "thruster_1.motor.rotor.w", "theta": "body.theta"}
 
-#: What the catalogue promises where nothing is switched on: zero for each of ON, a bound for the shapes.
-EFFECTS = [c for c in LawPlaces("Aero.Systems.OneDof").candidates if c.alias]
-STARTS = {id_: effect.starts for id_, effect in declaration_of("Aero.Systems.OneDof").effects.items()}
-DEFAULTS = {p.name: p.value("default", {}) for effect in EFFECTS for p in effect.law.parameters}
 
-EXTRA = (
-    "thruster_1.electricalEffect.winding_heating.h", "thruster_1.thrustEffect.thrust_lag.f", "speedSensor.q",
-    "pitchSensor.pitch_delay.q", "pitchSensor.pitch_delay.dq", "thruster_2.electricalEffect.winding_heating.h",
-    "thruster_2.thrustEffect.thrust_lag.f", "bodyEffect.pivot_presliding_friction.z",
-)  # fmt: skip
-PATHS = {
-    "i_m": "thruster_1.motor.inductor.i", "omega_m": "thruster_1.motor.rotor.w", "theta": "body.theta",
-}  # fmt: skip
+def own(id_: str, state: str, motor: int = 1) -> str:
+    """The name of a law's own state."""
+    return f"{OF[id_].parts[motor - 1].instance}.{state}"
+
+
+EXTRA = {
+    own("winding_heating", "s"): 1.0, own("winding_heating", "s", 2): 1.0, own("thrust_lag", "z"): 0.1,
+    own("thrust_lag", "z", 2): 0.1, own("pivot_presliding_friction", "z"): 0.5, own("speed_lag", "q"): 100.0,
+} | {own("pitch_delay", state): 1.0 for state in "qprs"}  # fmt: skip
 
 
 def draw(rng: np.random.Generator, names: list[str]) -> dict[str, float]:
     scale = dict(zip(STATES, SCALES, strict=True))
-    scale |= {path: scale[short] for short, path in PATHS.items()}
-    scale |= dict(zip(EXTRA, (1.0, 0.1, 100.0, 1.0, 10.0, 1.0, 0.1, 0.5), strict=True))
+    scale |= {path: scale[short] for short, path in PATHS.items()} | EXTRA
     return {n: float(rng.normal() * scale[n]) for n in names}
+
+
+def state_of(x: dict[str, float], path: str) -> float:
+    """A state under its own name or that of the output that it was."""
+    return next(x[n] for n in (path, *(short for short, p in PATHS.items() if p == path)) if n in x)
+
+
+def time_in_use(given: float, least: float) -> float:
+    return (given**4 + least**4) ** 0.25 if given > 0.0 else 1e6
 
 
 def with_effects(x: dict[str, float], v: float, on: dict[str, float]) -> tuple[dict[str, float], dict[str, float]]:
     """Rates and outputs of OneDof with the effects of ``on``, by hand and in the smooth forms that are documented."""
-    e = DEFAULTS | on
+    e = dict.fromkeys(ON, 0.0) | on
     p = NOMINAL
-    rate, theta = x["body.omega"], x["body.theta"]
+    rate, theta = x["body.omega"], state_of(x, "body.theta")
     rates: dict[str, float] = {}
     torque = 0.0
     for k, side in ((1, 1.0), (2, -1.0)):
-        i, w = x[f"thruster_{k}.motor.inductor.i"], x[f"thruster_{k}.motor.rotor.w"]
-        heat = x[f"thruster_{k}.electricalEffect.winding_heating.h"]
-        f_late = x[f"thruster_{k}.thrustEffect.thrust_lag.f"]
+        i, w = state_of(x, f"thruster_{k}.motor.inductor.i"), state_of(x, f"thruster_{k}.motor.rotor.w")
+        heat, late = x[own("winding_heating", "s", k)], x[own("thrust_lag", "z", k)]
         u = side * v
-        d, eps = e["V_dz"], 0.01
+        d, eps = e["amplifier_deadzone"], 1e-3
         u += 0.5 * (sqrt((u - d) ** 2 + eps**2) - sqrt((u + d) ** 2 + eps**2))
-        s, knee = e["s_sat"], 1e-3
+        s, knee = e["amplifier_saturation"], 1e-3
         u *= 2 * sqrt(1 + knee**2) / (sqrt((1 + s * u) ** 2 + knee**2) + sqrt((1 - s * u) ** 2 + knee**2))
-        u -= e["R_s"] * i + e["V_b"] * tanh(i / 1e-5) + e["r_h"] * heat * i
-        rates[f"thruster_{k}.electricalEffect.winding_heating.h"] = (i * i - heat) / e["T_h"]
+        u -= e["supply_resistance"] * i + e["brush_drop"] * tanh(i / 2e-5) + e["winding_heating"] * heat * i
+        rates[own("winding_heating", "s", k)] = (i * i - heat) / 10.0
         rates[f"thruster_{k}.motor.inductor.i"] = (u - p["R_a"] * i - p["c_m"] * w) / p["L_a"]
-        brake = p["k_d"] * w * abs(w) + e["tau_r"] * tanh(w / 0.05) + e["d_r"] * w
+        brake = p["k_d"] * w * abs(w) + e["rotor_coulomb_friction"] * tanh(w / 2e-5) + e["rotor_viscous_friction"] * w
         rates[f"thruster_{k}.motor.rotor.w"] = (p["c_m"] * i - brake) / (p["J_r"] + p["J_s"])
-        f = p["k_t"] * w * abs(w) - e["k_v"] * abs(w) * side * p["D_t"] * rate
-        t = max(e["T_f"], 1e-3)
-        rates[f"thruster_{k}.thrustEffect.thrust_lag.f"] = (f - f_late) / t
-        f -= e["T_f"] / t * (f - f_late)
-        f *= 1 + e["a_f"] * tanh(side * f / 1e-4)
-        torque += side * p["D_t"] * f
-    torque += e["tau_g"] * cos(theta) - e["tau_c"] * tanh(rate / 2e-5)
-    bend = x["bodyEffect.pivot_presliding_friction.z"]
-    torque -= e["tau_p"] * bend
-    rates["bodyEffect.pivot_presliding_friction.z"] = (rate - sqrt(rate**2 + e["w_p"] ** 2) * bend) / e["theta_p"]
-    torque -= e["c_b"] * rate * abs(rate) + e["k_3"] * theta**3
+        f = side * p["k_t"] * w * abs(w) - e["thrust_inflow_loss"] * abs(w) * p["D_t"] * rate
+        t = time_in_use(e["thrust_lag"], 1e-3)
+        rates[own("thrust_lag", "z", k)] = (f - late) / t
+        f -= e["thrust_lag"] / t * (f - late)
+        f *= 1 + e["thrust_asymmetry"] * tanh(f / 1e-3)
+        torque += p["D_t"] * f
+    torque += e["gravity_offset"] * cos(theta) - e["pivot_coulomb_friction"] * tanh(rate / 2e-5)
+    bend = x[own("pivot_presliding_friction", "z")]
+    torque -= e["pivot_presliding_friction"] * bend
+    rates[own("pivot_presliding_friction", "z")] = (rate - sqrt(rate**2 + 1e-4**2) * bend) / 1e-3
+    torque -= e["body_quadratic_drag"] * rate * abs(rate) + e["cubic_stiffness"] * theta**3
     rates["body.theta"] = rate
     rates["body.omega"] = (torque - p["D_p"] * rate - p["K_sp"] * theta) / p["J_p"]
-    t = max(e["T_w"], 1e-3)
-    rates["speedSensor.q"] = (rates["thruster_1.motor.rotor.w"] - x["speedSensor.q"]) / t
-    t = max(e["T_d"], 2e-3)
-    q, dq = x["pitchSensor.pitch_delay.q"], x["pitchSensor.pitch_delay.dq"]
-    rates["pitchSensor.pitch_delay.q"] = dq
-    rates["pitchSensor.pitch_delay.dq"] = (12 * (rate - q) - 6 * t * dq) / t**2
+    t, q = time_in_use(e["speed_lag"], 1e-3), x[own("speed_lag", "q")]
+    rates[own("speed_lag", "q")] = ((t * rates["thruster_1.motor.rotor.w"] if e["speed_lag"] > 0.0 else 0.0) - q) / t
+    omega = state_of(x, "thruster_1.motor.rotor.w") - e["speed_lag"] / t * q
+    t = time_in_use(e["pitch_delay"], 2e-3)
+    q, p_, r, s = (x[own("pitch_delay", name)] for name in "qprs")
+    moved = t * rate if e["pitch_delay"] > 0.0 else 0.0
+    rates |= {own("pitch_delay", n): value / t for n, value in zip("qpr", (p_, r, s), strict=True)}
+    rates[own("pitch_delay", "s")] = (1680 * (moved - q) - 840 * p_ - 180 * r - 20 * s) / t
     outputs = {
-        "i_m": x["thruster_1.motor.inductor.i"] + e["b_i"],
-        "omega_m": x["thruster_1.motor.rotor.w"] - e["T_w"] * x["speedSensor.q"],
-        "theta": theta - e["T_d"] * q + e["b_th"],
-    }
+        "i_m": state_of(x, "thruster_1.motor.inductor.i") + e["current_offset"], "omega_m": omega,
+        "theta": theta - e["pitch_delay"] / t * (q + r / 42) + e["pitch_offset"],
+    }  # fmt: skip
     return rates, outputs
+
+
+def test_each_effect_is_a_law_of_the_library_or_one_of_three_of_its_own():
+    own_laws = {c.law.model for c in OF.values() if c.law.model.startswith("Aero.")}
+    assert own_laws == {"Aero.Effects.ThrustAsymmetry", "Aero.Effects.ThrustInflowLoss", "Aero.Effects.GravityOffset"}
+    assert set(ON) == {id_ for id_, p in OF.items() if not p.law.curve_input}
+    assert {c.id for c in LawPlaces("Aero.Systems.HalfQuad").candidates} == set(OF)
 
 
 def test_the_screening_model_is_a_valid_fmu(screening_fmu):
     assert validate_fmu(str(screening_fmu)) == []
-
-
-def test_every_effect_has_its_parameters_at_the_top_level(screening_fmu):
     with driven(screening_fmu) as fmu:
-        for effect in EFFECTS:
-            assert fmu.starts[effect.law.magnitude.name] == 0.0
-            for p in effect.law.parameters:
-                low, high = (p.value(k, {}) if k in p.terms else e for k, e in (("min", -np.inf), ("max", np.inf)))
-                default = p.value("default", {})
-                assert p.name in fmu.parameters
-                assert low <= default <= high
-                assert all(low <= s <= high for s in STARTS[effect.id].get(p.name, ()))
-        assert set(ON) == {e.law.magnitude.name for e in EFFECTS}
+        assert all(fmu.starts[NAMES[id_]] == 0.0 for id_ in ON)
 
 
 def test_switched_off_all_together_they_change_nothing(screening_fmu, aero_fmu):
@@ -115,30 +123,25 @@ def test_switched_off_all_together_they_change_nothing(screening_fmu, aero_fmu):
         base.begin()
         for _ in range(20):
             x = draw(rng, fmu.states)
-            inner = {s: x[PATHS.get(s, s)] for s in base.states}
+            inner = {s: state_of(x, PATHS.get(s, s)) for s in base.states}
             for f in (fmu, base):
                 f.set(V_m=13.7)
             rates = dict(zip(fmu.states, fmu.rhs(np.array([x[s] for s in fmu.states])), strict=True))
             expected = base.rhs(np.array([inner[s] for s in base.states]))
-            found = np.array([rates[PATHS.get(s, s)] for s in base.states])
+            found = np.array([state_of(rates, PATHS.get(s, s)) for s in base.states])
             # equal but for the order in which terms are added
             np.testing.assert_allclose(found, expected, rtol=1e-14, atol=1e-15 * np.abs(expected).max())
             assert np.array_equal(fmu.get("i_m", "omega_m", "theta"), [inner[s] for s in ("i_m", "omega_m", "theta")])
 
 
-CASES = [{n: v} for n, v in ON.items()] + [
-    {"tau_p": 2e-3, "theta_p": 1e-3, "w_p": 1e-4},
-    ON,
-    {"T_w": 4e-4, "T_f": 3e-4, "T_d": 1e-3},
-]
-
-
-@pytest.mark.parametrize("on", CASES, ids=lambda c: "_".join(c) if len(c) < 4 else "all")
+@pytest.mark.parametrize(
+    "on", [*({n: v} for n, v in ON.items()), ON], ids=lambda c: "_".join(c) if len(c) < 4 else "all"
+)
 def test_an_effect_follows_its_formula(screening_fmu, on):
     rng = np.random.default_rng(4)
     with driven(screening_fmu) as fmu:
         fmu.begin()
-        fmu.set_all(on)
+        fmu.set_all({NAMES[id_]: value for id_, value in on.items()})
         changed = False
         for _ in range(8):
             x = draw(rng, fmu.states)
@@ -148,7 +151,7 @@ def test_an_effect_follows_its_formula(screening_fmu, on):
             without = with_effects(x, v, {})
             changed = changed or expected != without[0] or outputs != without[1]
             rates = fmu.rhs(np.array([x[s] for s in fmu.states]))
-            wanted = np.array([expected[s] for s in fmu.states])
+            wanted = np.array([state_of(expected, PATHS.get(s, s)) for s in fmu.states])
             np.testing.assert_allclose(rates, wanted, rtol=1e-11, atol=1e-12 * np.abs(wanted).max())
             np.testing.assert_allclose(fmu.get(*outputs), list(outputs.values()), rtol=1e-13, atol=1e-15)
         assert changed
@@ -156,12 +159,13 @@ def test_an_effect_follows_its_formula(screening_fmu, on):
 
 def test_derivatives_by_the_effects_parameters(screening_fmu):
     rng = np.random.default_rng(5)
+    on = {NAMES[id_]: value for id_, value in ON.items()}
     with driven(screening_fmu) as fmu:
         fmu.begin()
-        fmu.set_all(ON | {"V_m": 9.0})
+        fmu.set_all(on | {"V_m": 9.0})
         x = np.array(list(draw(rng, fmu.states).values()))
         unknown = [*fmu.rates, "i_m", "omega_m", "theta"]
-        for name, value in ON.items():
+        for name, value in on.items():
             h = 1e-6 * abs(value)
             values = []
             for sign in (1, -1):
@@ -172,27 +176,3 @@ def test_derivatives_by_the_effects_parameters(screening_fmu):
             expected = (values[0] - values[1]) / (2 * h)
             tolerance = 1e-8 * np.abs(values[0]).max() / abs(value) + 1e-9 * np.abs(expected).max()
             np.testing.assert_allclose(fmu.slope(unknown, name), expected, rtol=1e-5, atol=tolerance)
-
-
-def test_a_delay_delays_and_a_lag_lags(screening_fmu):
-    # a slow sine of the voltage: the readings with and without, shifted by hand
-    time = np.arange(0, 12.0, 0.01)
-    signal = np.zeros(len(time), dtype=[("time", "f8"), ("V_m", "f8")])
-    signal["time"], signal["V_m"] = time, 8.0 * np.sin(1.5 * time) ** 2
-    runs = [
-        fmpy.simulate_fmu(
-            str(screening_fmu), input=signal, start_values=start, stop_time=12.0, output_interval=0.01,
-            relative_tolerance=1e-8, output=["theta", "omega_m"], fmi_type="CoSimulation",
-        )
-        for start in ({}, {"T_d": 0.05, "T_w": 0.05})
-    ]  # fmt: skip
-    t = runs[0]["time"]
-    late = t > 1.0
-    shifted = np.interp(t - 0.05, t, runs[0]["theta"])
-    np.testing.assert_allclose(runs[1]["theta"][late], shifted[late], atol=2e-5)
-    lagged = np.zeros(len(t))
-    decay = np.exp(-0.01 / 0.05)
-    for k in range(1, len(t)):
-        middle = 0.5 * (runs[0]["omega_m"][k] + runs[0]["omega_m"][k - 1])
-        lagged[k] = decay * lagged[k - 1] + (1 - decay) * middle
-    np.testing.assert_allclose(runs[1]["omega_m"][late], lagged[late], atol=0.02 * np.abs(lagged).max())

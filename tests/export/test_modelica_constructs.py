@@ -255,12 +255,12 @@ def test_a_slip_inside_a_package_has_its_line_too(modelica):
 def test_modifiers_that_the_front_end_would_drop_are_refused(modelica):
     source = modelica("""within ;
 model Dropped
-  parameter Real tau_c = 1e-3;
+  parameter Real k_0 = 1e-3;
   extends Aero.Systems.OneDof(
-    redeclare model BodyEffect = Aero.Effects.PivotCoulombFriction(tau_c = tau_c));
+    redeclare model ThrustLaw = Aero.Aerodynamics.LinearThrust(k = k_0));
 end Dropped;
 """)
-    with pytest.raises(InputError, match=r"Dropped\.mo:5: .*'BodyEffect'"):
+    with pytest.raises(InputError, match=r"Dropped\.mo:5: .*'ThrustLaw'"):
         explicit_model("Dropped", [source])
 
 

@@ -22,7 +22,6 @@ from aero_bayes.structure.candidates import place_laws
 from aero_bayes.structure.compose import compose_laws
 from aero_bayes.structure.law_places import LawPlaces
 from aero_bayes.structure.modelica_family import ModelicaFamily
-from aero_bayes.structure.redeclare import load_with_redeclarations
 
 TIME = np.linspace(0.0, 4.0, 201)
 SIZES = {"u_n": 1.5, "f_n": 2.0, "v_n": 0.5, "x_n": 0.3, "x_w": 0.3, "q_n": 0.8, "h_n": 0.7, "i_n": 2.0, "t_n": 0.4}
@@ -116,19 +115,18 @@ def test_laws_at_one_signal_are_written_as_attached_in_whatever_order_they_are_n
             np.testing.assert_allclose(y, attached[name], atol=1e-6 * np.abs(y).max())
 
 
-def test_laws_in_replaceable_models_are_attached_at_each_component(here, tmp_path):
+def test_an_effect_of_two_like_components_is_attached_at_each(here, tmp_path):
     """Both motors have the law: one parameter, two copies of it."""
-    base = "Aero.Systems.OneDof"
-    found = family(base, tmp_path)
-    ids = ["amplifier_deadzone", "thrust_lag", "pitch_delay", "pivot_coulomb_friction"]
-    placed_laws = [found.placed[id_] for id_ in ids]
-    given = values_of(found, ids) | {"R_a": 8.4, "k_t": 1e-7}
+    found = family("Aero.Systems.OneDof", tmp_path)
+    ids = ["amplifier_deadzone", "brush_drop", "thrust_lag", "thrust_inflow_loss", "pitch_delay", "gravity_offset"]
+    given = values_of(found, ids)
     attached = found.with_candidates(ids).model
-    assert len(attached.states) == 6 + 2 + 2
+    assert len(attached.states) == 6 + 2 + 4
     assert attached.copied_state("omega_m") is not None
-    flat = load_with_redeclarations(base, "Redeclared", placed_laws, (), ())
-    inside = Model.load(export_flat(flat, tmp_path / "in.fmu"))
-    assert_equal(run(attached, given, here, 8.0), run(inside, given, here, 8.0))
+    written = found.extend(ids, given, tmp_path / "written")
+    names = dict(pair for pairs in written.names.values() for pair in pairs)
+    there = {names[old]: value for old, value in given.items()}
+    assert_equal(run(attached, given, here, 8.0), run(written.model, there, here, 8.0))
 
 
 SLIDE = """model Slide

@@ -55,7 +55,7 @@ def test_friction_is_found_written_and_judged(fmus, tmp_path):
     told = found.to_dict()
     assert told["effects"][0]["modelica"] == "OneDof_pivot_coulomb_friction.mo"
     assert told["steps"][0]["chosen"] == "pivot_coulomb_friction"
-    assert any(line.startswith("+") and "tau_c" in line for line in told["diff"].splitlines())
+    assert any(line.startswith("+") and "F_c" in line for line in told["diff"].splitlines())
     assert found.series()["after/test/theta"].shape == test.time.shape
     assert found.effects[0].claim == "law"
     table = json.loads((tmp_path / "structures.json").read_text())

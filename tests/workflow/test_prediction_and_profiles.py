@@ -108,7 +108,7 @@ def test_prediction_can_be_left_out(tmp_path: Path) -> None:
 
 def test_model_with_dry_friction_takes_a_recording_of_its_motion(tmp_path: Path) -> None:
     """At rest the smoothed friction creeps for minutes, which is no motion that a recording must show."""
-    written = write_effects("Aero.Systems.OneDof", {"pivot_coulomb_friction": {"tau_c": 1.2e-3}}, tmp_path)
+    written = write_effects("Aero.Systems.OneDof", {"pivot_coulomb_friction": {"F_c": 1.2e-3}}, tmp_path)
     fmu = export_fmu(written.name, tmp_path / "rubbing.fmu", sources=[written.path])
     result = fit(tmp_path / "out", QUICK, record(tmp_path / "run.csv", 4), model=str(fmu))
     assert result["model"]["name"] == "rubbing"

@@ -1,5 +1,5 @@
 within Aero.Aerodynamics;
-model Thruster "Amplifier, motor and propeller, with a slot for an effect at every port"
+model Thruster "Amplifier, motor and propeller"
   parameter Real R_a(unit = "Ohm", nominal = 10) = 8.4 "Armature resistance of the motor";
   parameter Real L_a(unit = "H", nominal = 1e-3) = 1.16e-3 "Armature inductance of the motor";
   parameter Real c_m(unit = "N.m/A", nominal = 0.05) = 0.042 "Mechanical torque constant of the motor";
@@ -10,32 +10,21 @@ model Thruster "Amplifier, motor and propeller, with a slot for an effect at eve
   parameter Real orientation = 1 "1 where positive thrust pitches the body up, -1 where it pitches it down";
   replaceable model ThrustLaw = QuadraticThrust constrainedby Interfaces.ThrustLaw "Law of the thrust" annotation (choicesAllMatching = true);
   replaceable model DragLaw = QuadraticDrag constrainedby Interfaces.DragLaw "Law of the drag torque" annotation (choicesAllMatching = true);
-  replaceable model ElectricalEffect = Effects.NoElectricalEffect constrainedby Interfaces.ElectricalEffect "Between amplifier and motor" annotation (choicesAllMatching = true);
-  replaceable model RotorEffect = Effects.NoRotorEffect constrainedby Interfaces.RotorEffect "On the rotor's shaft" annotation (choicesAllMatching = true);
-  replaceable model ThrustEffect = Effects.NoThrustEffect constrainedby Interfaces.ThrustEffect "Between propeller and body" annotation (choicesAllMatching = true);
   input Real u(unit = "V") "Commanded voltage";
-  input Real theta(unit = "rad") = 0 "Pitch angle of the body, for effects that depend on it";
-  Interfaces.Mount mount "What the thruster pushes" annotation (Placement(transformation(extent = {{90, -10}, {110, 10}})));
+  Interfaces.ForceOutput f "Thrust, counted where it pitches the body up" annotation (Placement(transformation(extent = {{90, -10}, {110, 10}})));
   Electrical.Amplifier amplifier(u = u) annotation (Placement(transformation(extent = {{-100, -10}, {-80, 10}})));
   Electrical.Ground ground annotation (Placement(transformation(extent = {{-80, -50}, {-60, -30}})));
-  ElectricalEffect electricalEffect(orientation = orientation, w = motor.flange.w) annotation (Placement(transformation(extent = {{-60, 20}, {-40, 40}})));
   Electrical.DCMotor motor(R_a = R_a, L_a = L_a, c_m = c_m, J_r = J_r, J_s = J_s) annotation (Placement(transformation(extent = {{-20, -10}, {0, 10}})));
-  RotorEffect rotorEffect(orientation = orientation, i = motor.p.i) annotation (Placement(transformation(extent = {{20, -50}, {40, -30}})));
   Propeller propeller(k_t = k_t, k_d = k_d, redeclare model ThrustLaw = ThrustLaw, redeclare model DragLaw = DragLaw)
     annotation (Placement(transformation(extent = {{20, -10}, {40, 10}})));
-  ThrustEffect thrustEffect(orientation = orientation, w = propeller.flange.w, theta = theta) annotation (Placement(transformation(extent = {{60, -10}, {80, 10}})));
 equation
-  connect(amplifier.p, electricalEffect.p) annotation (Line(points = {{-80, 5}, {-70, 5}, {-70, 30}, {-60, 30}}, color = {0, 0, 200}));
-  connect(electricalEffect.n, motor.p) annotation (Line(points = {{-40, 30}, {-30, 30}, {-30, 5}, {-20, 5}}, color = {0, 0, 200}));
+  connect(amplifier.p, motor.p) annotation (Line(points = {{-80, 5}, {-20, 5}}, color = {0, 0, 200}));
   connect(amplifier.n, ground.p) annotation (Line(points = {{-80, -5}, {-70, -5}, {-70, -30}}, color = {0, 0, 200}));
-  connect(electricalEffect.r, ground.p) annotation (Line(points = {{-50, 20}, {-50, -30}, {-70, -30}}, color = {0, 0, 200}));
   connect(motor.n, ground.p) annotation (Line(points = {{-20, -5}, {-30, -5}, {-30, -30}, {-70, -30}}, color = {0, 0, 200}));
   connect(motor.flange, propeller.flange) annotation (Line(points = {{0, 0}, {20, 0}}, color = {60, 60, 60}));
-  connect(motor.flange, rotorEffect.flange) annotation (Line(points = {{0, 0}, {10, 0}, {10, -40}, {20, -40}}, color = {60, 60, 60}));
-  connect(propeller.mount, thrustEffect.propeller) annotation (Line(points = {{40, 0}, {60, 0}}, color = {0, 110, 60}));
-  connect(thrustEffect.frame, mount) annotation (Line(points = {{80, 0}, {100, 0}}, color = {0, 110, 60}));
+  f = orientation * propeller.f;
   annotation (
-    Documentation(info = "<html><p>One channel of the bench. The three slots are empty by default; <code>Aero.Effects</code> holds what can fill them.</p></html>"),
+    Documentation(info = "<html><p>One channel of the bench.</p></html>"),
     Icon(coordinateSystem(extent = {{-100, -100}, {100, 100}}), graphics = {
       Rectangle(extent = {{-90, 40}, {20, -40}}, lineColor = {60, 60, 60}, fillColor = {200, 210, 225}, fillPattern = FillPattern.HorizontalCylinder),
       Line(points = {{20, 0}, {90, 0}}, color = {60, 60, 60}),

@@ -1,9 +1,9 @@
 within Aero.Effects;
 model GravityOffset "A centre of mass beside the pivot"
-  extends Interfaces.BodyEffect;
-  parameter Real tau_g(unit = "N.m", min = -0.05, max = 0.05, nominal = 0.001) = 0 "Torque of a centre of mass beside the pivot, at zero pitch";
+  extends Laws.Interfaces.MotionLaw(x(unit = "rad"));
+  parameter Real tau_g(min = -10 * f_n, max = 10 * f_n, nominal = 0.1 * f_n) = 0 "Torque of a centre of mass beside the pivot, at zero pitch";
 equation
-  flange.tau = -tau_g * cos(theta);
+  f = -tau_g * cos(x);
   annotation (
     Documentation(info = "<html>
 <p>A centre of mass in front of or behind the pivot gives the torque <code>tau_g cos(theta)</code>.</p>

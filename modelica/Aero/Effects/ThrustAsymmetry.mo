@@ -1,11 +1,11 @@
 within Aero.Effects;
 model ThrustAsymmetry "Thrust that differs between pitching up and down"
-  extends Interfaces.ThrustEffect;
-  parameter Real a_f(unit = "1", min = -0.9, max = 0.9, nominal = 0.1) = 0 "Relative gain of thrust pitching up, loss pitching down";
-  parameter Real f_smooth(unit = "N", min = 1e-6) = 1e-4 "Thrust over which the sign changes";
+  extends Laws.Interfaces.InputLaw;
+  parameter Real a_f(min = -0.9, max = 0.9, nominal = 0.1) = 0 "Relative gain of thrust pitching up, loss pitching down";
+protected
+  final parameter Real u_smooth = 1e-3 * u_n "Thrust over which the sign changes";
 equation
-  propeller.v = frame.v;
-  -frame.f = propeller.f * (1 + a_f * tanh(orientation * propeller.f / f_smooth));
+  y = u * (1 + a_f * tanh(u / u_smooth));
   annotation (
     Documentation(info = "<html>
 <p>The frame stands in the wake on one side only: <code>F (1 + a_f sign(F))</code>, with <code>F</code> counted in the direction that pitches the

@@ -1,10 +1,11 @@
 within Aero.Effects;
 model ThrustInflowLoss "Thrust that falls as the propeller moves along its axis"
-  extends Interfaces.ThrustEffect;
+  extends Laws.Interfaces.InputLaw;
   parameter Real k_v(unit = "N.s2/(m.rad)", min = 0, max = 0.005, nominal = 0.0001) = 0 "Loss of thrust by speed and velocity";
+  input Real w(unit = "rad/s") "Speed of the propeller";
+  input Real v(unit = "m/s") "Velocity of the propeller along its axis";
 equation
-  propeller.v = frame.v;
-  -frame.f = propeller.f - k_v * abs(w) * propeller.v;
+  y = u - k_v * abs(w) * v;
   annotation (
     Documentation(info = "<html>
 <p>A propeller that moves in the direction of its thrust meets the air at a smaller angle of attack; to first order the loss is

@@ -1,13 +1,8 @@
 within Aero;
-package Effects "Physics that the base model lacks, one component for each effect"
+package Effects "Laws that the general ones do not say"
   annotation (
-    Documentation(info = "<html><p>Each effect extends the partial model of its port and is put in by redeclaring the port's model, for instance</p>
-<pre>model OneDof_pivot_coulomb_friction
-  extends Aero.Systems.OneDof(redeclare model BodyEffect = Aero.Effects.PivotCoulombFriction, bodyEffect(tau_c = tau_c));
-  parameter Real tau_c(unit = \"N.m\") = 0;
-end OneDof_pivot_coulomb_friction;</pre>
-<p>Where its parameter is zero an effect changes nothing. Where the truth has a corner it is rounded, and the width of the rounding is a
-parameter of the component.</p></html>"),
+    Documentation(info = "<html><p>Each extends a partial model of <code>Laws.Interfaces</code> and vanishes where its parameter is zero. <code>package.toml</code> names the places of these
+and of the general laws.</p></html>"),
     Icon(coordinateSystem(extent = {{-100, -100}, {100, 100}}), graphics = {
       Rectangle(extent = {{-100, 100}, {100, -100}}, lineColor = {95, 95, 95}, fillColor = {245, 245, 245}, fillPattern = FillPattern.Solid, radius = 15),
       Rectangle(extent = {{-60, 40}, {60, -40}}, lineColor = {60, 60, 60}, fillColor = {255, 248, 220}, fillPattern = FillPattern.Solid)}));

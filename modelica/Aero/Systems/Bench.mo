@@ -13,34 +13,21 @@ partial model Bench "One driven thruster on a pitching body; what all benches sh
   parameter Real D_t(unit = "m", min = 0.01, max = 1, nominal = 0.158) = 0.158 "Distance of a thruster from the pitch axis";
   replaceable model ThrustLaw = Aerodynamics.QuadraticThrust constrainedby Interfaces.ThrustLaw "Law of the thrust" annotation (choicesAllMatching = true);
   replaceable model DragLaw = Aerodynamics.QuadraticDrag constrainedby Interfaces.DragLaw "Law of the drag torque" annotation (choicesAllMatching = true);
-  replaceable model ElectricalEffect = Effects.NoElectricalEffect constrainedby Interfaces.ElectricalEffect "Between each amplifier and its motor" annotation (choicesAllMatching = true);
-  replaceable model RotorEffect = Effects.NoRotorEffect constrainedby Interfaces.RotorEffect "On each rotor's shaft" annotation (choicesAllMatching = true);
-  replaceable model ThrustEffect = Effects.NoThrustEffect constrainedby Interfaces.ThrustEffect "Between each propeller and the body" annotation (choicesAllMatching = true);
-  replaceable model BodyEffect = Effects.NoBodyEffect constrainedby Interfaces.BodyEffect "At the body's pivot" annotation (choicesAllMatching = true);
-  replaceable model CurrentSensor = Effects.IdealSensor constrainedby Interfaces.Sensor "Current of motor 1" annotation (choicesAllMatching = true);
-  replaceable model SpeedSensor = Effects.IdealSensor constrainedby Interfaces.Sensor "Speed of motor 1" annotation (choicesAllMatching = true);
-  replaceable model PitchSensor = Effects.IdealSensor constrainedby Interfaces.Sensor "Pitch angle" annotation (choicesAllMatching = true);
   input Real V_m(unit = "V") "Motor voltage" annotation (Placement(transformation(extent = {{-120, -10}, {-100, 10}})));
   output Real i_m(unit = "A") "Current through motor 1" annotation (Placement(transformation(extent = {{100, 50}, {120, 70}})));
   output Real omega_m(unit = "rad/s") "Speed of motor 1" annotation (Placement(transformation(extent = {{100, -10}, {120, 10}})));
   output Real theta(unit = "rad") "Pitch angle" annotation (Placement(transformation(extent = {{100, -70}, {120, -50}})));
-  Aerodynamics.Thruster thruster_1(R_a = R_a, L_a = L_a, c_m = c_m, J_r = J_r, J_s = J_s, k_t = k_t, k_d = k_d, orientation = 1, u = V_m, theta = body.theta,
-    redeclare model ThrustLaw = ThrustLaw, redeclare model DragLaw = DragLaw, redeclare model ElectricalEffect = ElectricalEffect,
-    redeclare model RotorEffect = RotorEffect, redeclare model ThrustEffect = ThrustEffect)
+  Aerodynamics.Thruster thruster_1(R_a = R_a, L_a = L_a, c_m = c_m, J_r = J_r, J_s = J_s, k_t = k_t, k_d = k_d, final orientation = 1, u = V_m,
+    redeclare model ThrustLaw = ThrustLaw, redeclare model DragLaw = DragLaw)
     annotation (Placement(transformation(extent = {{-80, 30}, {-60, 50}})));
-  Mechanical.Lever arm_1(r = D_t) annotation (Placement(transformation(extent = {{-40, 30}, {-20, 50}})));
+  Mechanical.Lever arm_1(r = D_t, w = thruster_1.motor.rotor.w) annotation (Placement(transformation(extent = {{-40, 30}, {-20, 50}})));
   Mechanical.PitchingBody body(J_p = J_p, D_p = D_p, K_sp = K_sp) annotation (Placement(transformation(extent = {{20, -10}, {40, 10}})));
-  BodyEffect bodyEffect(theta = body.theta) annotation (Placement(transformation(extent = {{20, -50}, {40, -30}})));
-  CurrentSensor currentSensor(u = thruster_1.motor.inductor.i, du = der(thruster_1.motor.inductor.i)) annotation (Placement(transformation(extent = {{60, 50}, {80, 70}})));
-  SpeedSensor speedSensor(u = thruster_1.motor.rotor.w, du = der(thruster_1.motor.rotor.w)) annotation (Placement(transformation(extent = {{60, -10}, {80, 10}})));
-  PitchSensor pitchSensor(u = body.theta, du = body.omega) annotation (Placement(transformation(extent = {{60, -70}, {80, -50}})));
 equation
-  connect(thruster_1.mount, arm_1.mount) annotation (Line(points = {{-60, 40}, {-40, 40}}, color = {0, 110, 60}));
+  connect(thruster_1.f, arm_1.f) annotation (Line(points = {{-60, 40}, {-40, 40}}, color = {0, 110, 60}));
   connect(arm_1.flange, body.flange) annotation (Line(points = {{-20, 40}, {0, 40}, {0, 0}, {20, 0}}, color = {60, 60, 60}));
-  connect(bodyEffect.flange, body.flange) annotation (Line(points = {{20, -40}, {0, -40}, {0, 0}, {20, 0}}, color = {60, 60, 60}));
-  i_m = currentSensor.y;
-  omega_m = speedSensor.y;
-  theta = pitchSensor.y;
+  i_m = thruster_1.motor.inductor.i;
+  omega_m = thruster_1.motor.rotor.w;
+  theta = body.theta;
   annotation (
     Documentation(info = "<html><p>Motor 1 pitches the body up at positive <code>V_m</code>. Extended by <code>HalfQuad</code>, which adds nothing, and by
 <code>OneDof</code>, which adds the second thruster.</p></html>"),

@@ -1,13 +1,12 @@
 within Aero.Systems;
 model OneDof "One-degree-of-freedom set-up: both motors driven against each other, the body free in pitch"
   extends Bench;
-  Aerodynamics.Thruster thruster_2(R_a = R_a, L_a = L_a, c_m = c_m, J_r = J_r, J_s = J_s, k_t = k_t, k_d = k_d, orientation = -1, u = -V_m, theta = body.theta,
-    redeclare model ThrustLaw = ThrustLaw, redeclare model DragLaw = DragLaw, redeclare model ElectricalEffect = ElectricalEffect,
-    redeclare model RotorEffect = RotorEffect, redeclare model ThrustEffect = ThrustEffect)
+  Aerodynamics.Thruster thruster_2(R_a = R_a, L_a = L_a, c_m = c_m, J_r = J_r, J_s = J_s, k_t = k_t, k_d = k_d, final orientation = -1, u = -V_m,
+    redeclare model ThrustLaw = ThrustLaw, redeclare model DragLaw = DragLaw)
     annotation (Placement(transformation(extent = {{-80, -50}, {-60, -30}})));
-  Mechanical.Lever arm_2(r = -D_t) annotation (Placement(transformation(extent = {{-40, -50}, {-20, -30}})));
+  Mechanical.Lever arm_2(r = D_t, w = thruster_2.motor.rotor.w) annotation (Placement(transformation(extent = {{-40, -50}, {-20, -30}})));
 equation
-  connect(thruster_2.mount, arm_2.mount) annotation (Line(points = {{-60, -40}, {-40, -40}}, color = {0, 110, 60}));
+  connect(thruster_2.f, arm_2.f) annotation (Line(points = {{-60, -40}, {-40, -40}}, color = {0, 110, 60}));
   connect(arm_2.flange, body.flange) annotation (Line(points = {{-20, -40}, {0, -40}, {0, 0}, {20, 0}}, color = {60, 60, 60}));
   annotation (
     experiment(StartTime = 0, StopTime = 40, Tolerance = 1e-6),

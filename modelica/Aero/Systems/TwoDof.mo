@@ -23,23 +23,21 @@ model TwoDof "Two-degree-of-freedom set-up: the body free in pitch and yaw, each
   output Real omega_t(unit = "rad/s") "Speed of the tail motor" annotation (Placement(transformation(extent = {{100, -90}, {120, -70}})));
   output Real theta(unit = "rad") "Pitch angle" annotation (Placement(transformation(extent = {{100, -30}, {120, -10}})));
   output Real psi(unit = "rad") "Yaw angle" annotation (Placement(transformation(extent = {{100, 10}, {120, 30}})));
-  Aerodynamics.FreeThruster thruster_m(R_a = R_a, L_a = L_a, c_m = c_m, J_r = J_r, J_s = J_s, k_t = k_t, k_d = k_d, final hand = 1, u = V_m,
+  Aerodynamics.FreeThruster thruster_m(R_a = R_a, L_a = L_a, c_m = c_m, J_r = J_r, J_s = J_s, k_t = k_t, k_d = k_d, final orientation = 1, final hand = 1, u = V_m,
     redeclare model ThrustLaw = ThrustLaw, redeclare model DragLaw = DragLaw)
     annotation (Placement(transformation(extent = {{-80, 50}, {-60, 70}})));
-  Aerodynamics.FreeThruster thruster_t(R_a = R_a, L_a = L_a, c_m = c_m, J_r = J_r, J_s = J_s, k_t = k_tt, k_d = k_dt, final hand = -1, u = V_t,
+  Aerodynamics.FreeThruster thruster_t(R_a = R_a, L_a = L_a, c_m = c_m, J_r = J_r, J_s = J_s, k_t = k_tt, k_d = k_dt, final orientation = 1, final hand = -1, u = V_t,
     redeclare model ThrustLaw = ThrustLaw, redeclare model DragLaw = DragLaw)
     annotation (Placement(transformation(extent = {{-80, -70}, {-60, -50}})));
-  Mechanical.Lever arm_m(r = D_t) annotation (Placement(transformation(extent = {{-30, 60}, {-10, 80}})));
-  Mechanical.TiltingLever arm_t(r = D_t, theta = body.theta) annotation (Placement(transformation(extent = {{-30, -70}, {-10, -50}})));
+  Mechanical.Lever arm_m(r = D_t, f = thruster_m.f) annotation (Placement(transformation(extent = {{-30, 60}, {-10, 80}})));
+  Mechanical.TiltingLever arm_t(r = D_t, f = thruster_t.f, theta = body.theta) annotation (Placement(transformation(extent = {{-30, -70}, {-10, -50}})));
   Mechanical.TiltingAxis axis_m(theta = body.theta, H = thruster_m.H) annotation (Placement(transformation(extent = {{-30, 20}, {-10, 40}})));
   Mechanical.PitchYawBody body(J_p = J_p, J_y = J_y, D_p = D_p, D_y = D_y, K_sp = K_sp) annotation (Placement(transformation(extent = {{40, -10}, {60, 10}})));
 equation
-  connect(thruster_m.mount, arm_m.mount) annotation (Line(points = {{-60, 60}, {-46, 60}, {-46, 70}, {-30, 70}}, color = {0, 110, 60}));
   connect(arm_m.flange, body.pitch) annotation (Line(points = {{-10, 70}, {20, 70}, {20, -5}, {40, -5}}, color = {60, 60, 60}));
   connect(thruster_m.housing, axis_m.housing) annotation (Line(points = {{-70, 50}, {-70, 30}, {-30, 30}}, color = {60, 60, 60}));
   connect(axis_m.pitch, body.pitch) annotation (Line(points = {{-10, 25}, {20, 25}, {20, -5}, {40, -5}}, color = {60, 60, 60}));
   connect(axis_m.yaw, body.yaw) annotation (Line(points = {{-10, 35}, {30, 35}, {30, 5}, {40, 5}}, color = {60, 60, 60}));
-  connect(thruster_t.mount, arm_t.mount) annotation (Line(points = {{-60, -60}, {-30, -60}}, color = {0, 110, 60}));
   connect(arm_t.flange, body.yaw) annotation (Line(points = {{-10, -60}, {30, -60}, {30, 5}, {40, 5}}, color = {60, 60, 60}));
   connect(thruster_t.housing, body.pitch) annotation (Line(points = {{-70, -70}, {-70, -80}, {20, -80}, {20, -5}, {40, -5}}, color = {60, 60, 60}));
   omega_m = thruster_m.motor.rotor.w;

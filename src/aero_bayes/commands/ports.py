@@ -44,7 +44,7 @@ from aero_bayes.simulation.interface import ParameterTarget
 from aero_bayes.simulation.model import Model
 from aero_bayes.simulation.workers import WorkerPool
 from aero_bayes.structure.balance import Port, PortKind, port_table, signal_expression
-from aero_bayes.structure.candidates import describe_law, identifier
+from aero_bayes.structure.candidates import identifier
 from aero_bayes.structure.compose import with_probes
 from aero_bayes.structure.fmu_family import FmuPlaces
 from aero_bayes.structure.law_places import LawPlaces
@@ -105,7 +105,7 @@ def _rows(options: RunOptions, data: Sequence[Path]) -> list[PortRow]:
     if data:
         raise InputError(f"{name}: --data is not possible, because {places.declared.package} declares its ports")
     named = [c for c in places.candidates if c.alias]
-    return [{"id": c.id, "port": places.port_name(c.port), "summary": describe_law(c.law, c.port)} for c in named]
+    return [{"id": c.id, "port": places.place_name(c), "summary": places.describe(c)} for c in named]
 
 
 def _model_ports(places: LawPlaces, options: RunOptions, data: Sequence[Path]) -> list[PortRow]:

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Literal
 
@@ -57,7 +56,6 @@ class FoundEffect:
     claim: ClaimKind | None
     alternatives: tuple[Alternative, ...]
     summary: str
-    widths: Mapping[str, float] = field(default_factory=dict)
     over: str = ""
     looks_like: str = ""
     curve: LearnedCurve | None = None
@@ -143,13 +141,8 @@ def extend(context: LoopContext, first: FirstFit, search: Search, decision: Deci
         written = context.family.with_fitted(written, fitted, added)
     reports = check_residuals(calibration, fit.series, fit.optimum, first.floors)
     after = context.predictor.predict(calibration, fit.optimum)
-    widths = written.widths if written is not None else {}
     effects = tuple(
-        replace(
-            _effect(context, search.table, decision, id_, [new for _, new in names[id_]], fit),
-            widths=dict(widths.get(id_, {})),
-        )
-        for id_ in decision.model
+        _effect(context, search.table, decision, id_, [new for _, new in names[id_]], fit) for id_ in decision.model
     )
     context.statistics.end_stage("judgement")
     return ExtendedFit(written, added, effects, fit, reports, after)

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from aero_bayes.errors import InputError
 from aero_bayes.modelica.class_reader import read_classes
-from aero_bayes.modelica.classes import ClassText, ComponentDeclaration, SourceStatement, innermost
+from aero_bayes.modelica.classes import ClassText, ComponentDeclaration, SourceStatement, dotted_name, innermost
 from aero_bayes.modelica.edits import TextEdit, add_equations, apply_edits, replace_names
 from aero_bayes.modelica.parse import (
     SourceLocation,
@@ -57,17 +57,6 @@ class Sources:
         if model not in self.by_name:
             raise InputError(f"{model}: the class was not found in the sources")
         return self.by_name[model]
-
-    def lineage(self, file: SourceFile, cls: ClassText) -> list[tuple[SourceFile, ClassText]]:
-        """Return a class and all that it extends, as far as their sources are there."""
-        found = [(file, cls)]
-        for base in cls.bases():
-            try:
-                further = self.lineage(*self.find(self.resolve(cls, base)))
-            except InputError:
-                continue
-            found += [one for one in further if one not in found]
-        return found
 
     @cached_property
     def by_name(self) -> Mapping[str, tuple[SourceFile, ClassText]]:
@@ -278,14 +267,19 @@ def _whole(cls: ClassText) -> dict[str, list[SourceStatement]]:
 def _declarations(text: str, cls: ClassText, arguments: Sequence[Token]) -> list[str]:
     """Return the declarations of a base class with the modifiers of the clause that extends it."""
     modifiers: dict[str, Sequence[Token]] = {}
+    redeclared: dict[str, str] = {}
     for part in split_outside(arguments):
         while part[0].word in ("each", "final"):
             part = part[1:]
+        if [t.word for t in part[:2]] == ["redeclare", "model"] and part[3].word == "=":
+            redeclared[part[2].word] = _words(part[4:])
+            continue
         if part[0].word in ("redeclare", "replaceable") or part[0].kind != "name":
             raise InputError(f"{cls.name}: the modifier {part[0].word!r} of a base class cannot be written out")
         modifiers[part[0].word] = part[1:]
     # short class definitions, such as replaceable models
-    lines, section = [text[s.start : s.end] for s in cls.statements if s.section == "class"], "public"
+    lines = [_redeclared(text, s, redeclared) for s in cls.statements if s.section == "class"]
+    section = "public"
     for s in cls.declarations:
         if s.section != section:
             lines.append(s.section)
@@ -295,6 +289,16 @@ def _declarations(text: str, cls: ClassText, arguments: Sequence[Token]) -> list
     if modifiers:
         raise InputError(f"{cls.name}: the modifier of {next(iter(modifiers))!r} cannot be written out")
     return lines if section == "public" else [*lines, "public"]
+
+
+def _redeclared(text: str, s: SourceStatement, classes: Mapping[str, str]) -> str:
+    """Return a short class definition with the class that a redeclaration gives it."""
+    at = find_outside(s.tokens, frozenset({"="}))
+    given = classes.get(s.tokens[at - 1].word) if at < len(s.tokens) else None
+    if given is None:
+        return text[s.start : s.end]
+    after = at + 1 + dotted_name(s.tokens[at + 1 :])[1]
+    return f"{text[s.start : s.tokens[at].end]} {given}{text[s.tokens[after - 1].end : s.end]}"
 
 
 def _modified(c: ComponentDeclaration, modifier: Sequence[Token]) -> list[TextEdit]:

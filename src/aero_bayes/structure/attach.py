@@ -39,7 +39,7 @@ from aero_bayes.structure.coupled_fmu import (
 )
 from aero_bayes.structure.held_step import step_of, with_held_step
 from aero_bayes.structure.law import Law
-from aero_bayes.structure.open_ports import OpenModel, effect_block
+from aero_bayes.structure.open_ports import OpenModel
 
 #: Suffix of the input that is the derivative of another input.
 RATE_SUFFIX = "_rate"
@@ -59,14 +59,11 @@ class LawBlocks:
 
     def model(self, placed: PlacedLaw) -> Model:
         """Return the FMU of a law. Raises AlgebraicLoopError where it cannot be solved for what it gives."""
-        law, place = placed.law, placed.port.replaceable
+        law = placed.law
         key = (law.kind, law.id)
         if key not in self._exported:
-            flat = self.models[key]
-            join = None if place is None else place.combination
-            flat = _block(law, flat) if join is None else effect_block(flat, join)
             try:
-                flat = _simplified(with_held_step(_with_fitted(flat, law), law))
+                flat = _simplified(with_held_step(_with_fitted(_block(law, self.models[key]), law), law))
                 self._exported[key] = self._export(flat, f"{law.kind}_{law.id}")
             except InputError as error:
                 raise AlgebraicLoopError(f"{placed.id}: {error}") from None
@@ -80,8 +77,8 @@ class LawBlocks:
         assert step is not None
         return step[0].name
 
-    def attached(self, placed: PlacedLaw, name: str, others: Mapping[str, float]) -> AttachedLaw:
-        """Return the FMU of a placed law under a name, with its parameters and sizes; ``others`` are further values."""
+    def attached(self, placed: PlacedLaw) -> AttachedLaw:
+        """Return the FMU of a placed law, with its parameters and sizes."""
         model, sizes = self.model(placed), placed.all_nominals
         shown = {}
         for p in placed.parameters():
@@ -91,11 +88,11 @@ class LawBlocks:
                 limits.get("min"), limits.get("max"), limits.get("nominal"), 0,
             )  # fmt: skip
         own = {v.name for v in (*model.parameters, *model.inputs)}
-        values = {**others, **sizes, **placed.signal_defaults, **{p.name: placed.value(p) for p in placed.parameters()}}
+        values = {**sizes, **placed.signal_defaults, **{p.name: placed.value(p) for p in placed.parameters()}}
         given = {name: x for name, x in values.items() if name in own}
         flat = self.models[placed.law.kind, placed.law.id]
         nominals = tuple(attribute_value(flat, s.name, "nominal", sizes) for s in model.states)
-        return AttachedLaw(name, model, shown, given, nominals)
+        return AttachedLaw(placed.instance, model, shown, given, nominals)
 
     def _export(self, flat: FlatModel, name: str) -> Model:
         key = hashlib.sha256(repr(flat).encode()).hexdigest()[:16]
@@ -108,10 +105,7 @@ class LawBlocks:
 
 def can_be_attached(placed: PlacedLaw) -> bool:
     """Return whether a law can be an FMU of its own: not one that gives a force by the acceleration."""
-    law, port = placed.law, placed.port
-    if port.replaceable is not None:
-        return port.replaceable.combination is not None
-    return not law.needs_derivative or port.attachment == "output"
+    return not placed.law.needs_derivative or placed.port.attachment == "output"
 
 
 def _block(law: Law, flat: FlatModel) -> FlatModel:
@@ -165,10 +159,6 @@ def _simplified(flat: FlatModel) -> FlatModel:
     return replace(flat, variables=tuple(map(kept, flat.variables)))
 
 
-#: A law, and the component of a replaceable model in which it is; empty for none.
-Placed = tuple[PlacedLaw, str]
-
-
 def attached(base: OpenModel, placed_laws: Sequence[PlacedLaw], blocks: LawBlocks) -> Coupling:
     """Couple a model with laws at its ports. Raises AlgebraicLoopError where they have to be solved together.
 
@@ -189,14 +179,7 @@ class _Attaching:
     SIGNAL = "u"
 
     def __init__(self, base: OpenModel, placed_laws: Sequence[PlacedLaw], blocks: LawBlocks) -> None:
-        self.base, self.blocks = base, blocks
-        self.placed = [
-            (placed, component)
-            for placed in placed_laws
-            for component in (placed.port.replaceable.components if placed.port.replaceable is not None else ("",))
-        ]
-        if closed := [component for _, component in self.placed if component and component not in base.terminals]:
-            raise AlgebraicLoopError(closed[0])
+        self.base, self.placed, self.blocks = base, placed_laws, blocks
         self.acting: dict[str, Terms] = {name: ((Source(INPUT, k), 1.0),) for k, name in enumerate(base.inputs)}
         self.changed: dict[str, Terms] = {}
         self.probed: dict[str, Terms] = {}
@@ -205,20 +188,20 @@ class _Attaching:
         self.settings: list[Setting] = []
 
     def coupling(self) -> Coupling:
-        here: dict[str, list[Placed]] = {"input": [], "output": [], "redeclare": []}
-        inside: list[Placed] = []
+        here: dict[str, list[PlacedLaw]] = {"input": [], "output": []}
+        inside: list[PlacedLaw] = []
         for placed in self.placed:
-            here.get(placed[0].port.attachment, inside).append(placed)
+            here.get(placed.port.attachment, inside).append(placed)
         operators: dict[str, SignalOperator] = {}
         for placed in reversed(here["input"]):
             self._feed(placed)
             self._note_operator(placed, operators)
-            self.acting[self._own_input(placed[0].port)] = ((self._acts(placed), 1.0),)
-        waiting = [*here["redeclare"], *reversed(inside)]
+            self.acting[self._own_input(placed.port)] = ((self._acts(placed), 1.0),)
+        waiting = inside[::-1]
         while waiting:
             ready = next((p for p in waiting if not self._awaits(p, waiting)), None)
             if ready is None:
-                raise AlgebraicLoopError(" and ".join(p.id for p, _ in waiting))
+                raise AlgebraicLoopError(" and ".join(p.id for p in waiting))
             waiting.remove(ready)
             self._place(ready)
         self._set_base()
@@ -226,12 +209,12 @@ class _Attaching:
         for placed in here["output"]:
             self._feed(placed)
             self._note_output_operator(placed, behind)
-            self.outputs[placed[0].port.signals["u"]] = self._acts(placed)
+            self.outputs[placed.port.signals["u"]] = self._acts(placed)
         outputs = {self._output_behind(name): source for name, source in self.outputs.items()}
         for name, k in self.base.copies.items():
             if not self.base.output_needs(name) & self.probed.keys():
                 outputs.setdefault(name, Source(STATE, k))
-        laws = [self._law(placed) for placed in self.placed]
+        laws = [self.blocks.attached(placed) for placed in self.placed]
         base = self.base
         return Coupling(
             base.model, laws, self.settings, base.inputs, outputs, base.hidden, base.state_names,
@@ -242,25 +225,25 @@ class _Attaching:
     def _relay(self) -> Relay | None:
         """Return the first law that steps by the sign of a sum of states, and this sum."""
         for k, placed in enumerate(self.placed):
-            name = self.blocks.step_input(placed[0])
+            name = self.blocks.step_input(placed)
             terms = self._read(placed).get(name, ()) if name is not None else ()
             if terms and all(source.part == STATE for source, _ in terms):
                 return Relay(k, terms)
         return None
 
-    def _is_function(self, placed: Placed) -> bool:
+    def _is_function(self, placed: PlacedLaw) -> bool:
         """Return whether a law has no states and reads nothing but the signal on which it acts."""
-        model = self.blocks.model(placed[0])
+        model = self.blocks.model(placed)
         return [v.name for v in model.inputs] == [self.SIGNAL] and not (model.states or model.event_indicators)
 
-    def _note_output_operator(self, placed: Placed, operators: dict[str, SignalOperator]) -> None:
+    def _note_output_operator(self, placed: PlacedLaw, operators: dict[str, SignalOperator]) -> None:
         """Note a law that delays a state, or is a function of what is read or of what such laws make of it."""
-        signal = placed[0].port.signals[self.SIGNAL]
+        signal = placed.port.signals[self.SIGNAL]
         before = operators.pop(signal, None)
         terms = self._read(placed).get(self.SIGNAL, ())
         if len(terms) != 1 or terms[0][1] != 1.0:
             return
-        own, source, memory = self._part(placed) - 1, terms[0][0], placed[0].law.memory
+        own, source, memory = self._part(placed) - 1, terms[0][0], placed.law.memory
         if memory and before is None and source.part == STATE:
             operators[signal] = SignalOperator((own,), source, self._output_behind(signal), memory)
         elif not self._is_function(placed):
@@ -270,10 +253,10 @@ class _Attaching:
         elif source.part != INPUT:
             operators[signal] = SignalOperator((own,), source, self._output_behind(signal))
 
-    def _note_operator(self, placed: Placed, operators: dict[str, SignalOperator]) -> None:
+    def _note_operator(self, placed: PlacedLaw, operators: dict[str, SignalOperator]) -> None:
         """Note a law that acts on a recorded signal alone: one that remembers it, or one without states, which may also
         act on what such laws make of it."""
-        own = self._own_input(placed[0].port)
+        own = self._own_input(placed.port)
         k = self.base.inputs.index(own)
         before = operators[own].laws if own in operators else ()
         source = self._acts(self.placed[before[-1]]) if before else Source(INPUT, k)
@@ -281,8 +264,8 @@ class _Attaching:
             return
         if self._is_function(placed) and not (before and operators[own].memory):
             operators[own] = SignalOperator((*before, self._part(placed) - 1), Source(INPUT, k))
-        elif not before and placed[0].law.memory:
-            operators[own] = SignalOperator((self._part(placed) - 1,), Source(INPUT, k), memory=placed[0].law.memory)
+        elif not before and placed.law.memory:
+            operators[own] = SignalOperator((self._part(placed) - 1,), Source(INPUT, k), memory=placed.law.memory)
 
     def _output_behind(self, signal: str) -> str:
         """Return the output behind the name of a signal: an FMU's output may be no identifier."""
@@ -297,17 +280,12 @@ class _Attaching:
         ((source, _),) = self.base.signals[port.signals["u"]]
         return self.base.inputs[source.reference]
 
-    def _part(self, placed: Placed) -> int:
+    def _part(self, placed: PlacedLaw) -> int:
         return 1 + next(k for k, other in enumerate(self.placed) if other is placed)
 
-    def _acts(self, placed: Placed, output: str = "") -> Source:
-        model = self.blocks.model(placed[0])
-        return Source(self._part(placed), model.output(output or placed[0].law.interface.output).value_reference)
-
-    def _law(self, placed: Placed) -> AttachedLaw:
-        law, component = placed
-        others = self.base.constants.get(component, {})
-        return self.blocks.attached(law, f"{component}.{law.instance}" if component else law.instance, others)
+    def _acts(self, placed: PlacedLaw, output: str = "") -> Source:
+        model = self.blocks.model(placed)
+        return Source(self._part(placed), model.output(output or placed.law.interface.output).value_reference)
 
     def _terms(self, signal: str) -> Terms:
         """Return a signal, or the variables that it adds up, by values that are known; inputs as they act."""
@@ -326,84 +304,65 @@ class _Attaching:
                 found.append((source, gain))
         return tuple(found)
 
-    def _given(self, placed: Placed) -> Mapping[str, str]:
+    def _given(self, placed: PlacedLaw) -> Mapping[str, str]:
         """Return the signal of the model that each input of a law is."""
-        law, component = placed
-        if component:
-            return self.base.terminals[component].reads_in(component)
-        if law.law.kind == "exchange" and law.neighbour is not None:
-            return {"h_1": law.port.signals["h"], "h_2": law.neighbour.signals["h"]}
-        return law.port.signals
+        if placed.law.kind == "exchange" and placed.neighbour is not None:
+            return {"h_1": placed.port.signals["h"], "h_2": placed.neighbour.signals["h"]}
+        return placed.port.signals
 
-    def _read(self, placed: Placed) -> dict[str, Terms]:
+    def _read(self, placed: PlacedLaw) -> dict[str, Terms]:
         """Return what each input of a law is set to."""
-        inputs = {v.name for v in self.blocks.model(placed[0]).inputs}
+        inputs = {v.name for v in self.blocks.model(placed).inputs}
         found = {}
         for name, signal in self._given(placed).items():
             if name in inputs:
-                outer = self.outputs.get(signal) if placed[0].port.attachment == "output" else None
+                outer = self.outputs.get(signal) if placed.port.attachment == "output" else None
                 found[name] = self._terms(signal) if outer is None else ((outer, 1.0),)
             if f"{name}{RATE_SUFFIX}" in inputs:
                 changed = signal in self.outputs or (
                     signal in self.base.copies and self.base.output_needs(signal) & self.probed.keys()
                 )
                 if changed or signal not in self.base.rates:
-                    raise AlgebraicLoopError(placed[0].id)
+                    raise AlgebraicLoopError(placed.id)
                 found[f"{name}{RATE_SUFFIX}"] = self.base.rates[signal]
         return found
 
-    def _feed(self, placed: Placed) -> None:
-        model, part = self.blocks.model(placed[0]), self._part(placed)
+    def _feed(self, placed: PlacedLaw) -> None:
+        model, part = self.blocks.model(placed), self._part(placed)
         terms = self._read(placed)
         self.settings += [Setting(part, model.input(name).value_reference, own) for name, own in terms.items()]
 
-    def _needs(self, placed: Placed) -> frozenset[str]:
+    def _needs(self, placed: PlacedLaw) -> frozenset[str]:
         """Return the inputs of the base on which what a law reads depends at once."""
         sources = [source for terms in self._read(placed).values() for source, _ in terms]
         return frozenset[str]().union(*(self.base.needs.get(s, frozenset()) for s in sources if s.part == BASE))
 
-    def _probes_of(self, placed: Placed) -> set[str]:
-        law, component = placed
-        if component:
-            return {self.base.probes[f"{component}.{v.name}"] for v in self.blocks.model(law).outputs}
-        ports = [law.port, *([law.neighbour] if law.neighbour is not None else [])]
+    def _probes_of(self, placed: PlacedLaw) -> set[str]:
+        ports = [placed.port, *([placed.neighbour] if placed.neighbour is not None else [])]
         return {self.base.probes[p.id] for p in ports}
 
-    def _awaits(self, placed: Placed, waiting: Sequence[Placed]) -> bool:
+    def _awaits(self, placed: PlacedLaw, waiting: Sequence[PlacedLaw]) -> bool:
         """Return whether a law needs what another law that waits, or itself, gives."""
         needs = self._needs(placed)
         return any(needs & self._probes_of(other) for other in waiting)
 
-    def _place(self, placed: Placed) -> None:
+    def _place(self, placed: PlacedLaw) -> None:
         if any(s.part == BASE for terms in self._read(placed).values() for s, _ in terms):
             self._set_base()
         self._feed(placed)
-        (law, component), signals = placed, placed[0].port.signals
-        if component:
-            self._place_inside(placed)
-        elif law.port.defining_equation is not None:
+        port, signals = placed.port, placed.port.signals
+        if port.defining_equation is not None:
             before, acts = self._terms(signals["u"]), self._acts(placed)
-            self._probe(law.port.id, ((acts, 1.0), *((source, -gain) for source, gain in before)))
+            self._probe(port.id, ((acts, 1.0), *((source, -gain) for source, gain in before)))
             self.changed[signals["u"]] = ((acts, 1.0),)
         else:
-            self._probe(law.port.id, ((self._acts(placed), 1.0),))
-            if law.neighbour is not None:
-                other = self._acts(placed, "q_2" if law.law.kind == "overflow" else "")
-                self._probe(law.neighbour.id, ((other, -1.0),))
+            self._probe(port.id, ((self._acts(placed), 1.0),))
+            if placed.neighbour is not None:
+                other = self._acts(placed, "q_2" if placed.law.kind == "overflow" else "")
+                self._probe(placed.neighbour.id, ((other, -1.0),))
 
-    def _place_inside(self, placed: Placed) -> None:
-        """Place a law in a replaceable model; what passes through reaches the next one changed."""
-        law, component = placed
-        given = {v.name for v in self.blocks.model(law).outputs}
-        for name in given:
-            self._probe(f"{component}.{name}", ((self._acts(placed, name), 1.0),))
-        for member, (name, gain) in self.base.terminals[component].passed.items():
-            if name in given:
-                signal = f"{component}.{member}"
-                self.changed[signal] = (*self._terms(signal), (self._acts(placed, name), gain))
-
-    def _probe(self, key: str, terms: Terms) -> None:
-        name = self.base.probes[key]
+    def _probe(self, port: str, terms: Terms) -> None:
+        name = self.base.probes[port]
         self.probed[name] = self.probed.get(name, ()) + tuple((s, self.base.gain * gain) for s, gain in terms)
 
     def _set_base(self) -> None:

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 from typing import Self
 
 from aero_bayes.declared import PackageDeclaration
-from aero_bayes.errors import CannotFinishError, InputError
+from aero_bayes.errors import InputError
 from aero_bayes.modelica.flat import FlatModel
 from aero_bayes.modelica.units import Dimension, dimension_of_unit
 from aero_bayes.structure.balance import DIFFERENCE, KELVIN, LOAD, Port
@@ -20,12 +20,22 @@ from aero_bayes.unknown_names import closest_name
 
 def ports_with_laws(flat: FlatModel, laws: Sequence[Law] = ()) -> tuple[Port, ...]:
     """Return all ports of a model: inputs, outputs, then balances in the order of their states."""
-    return with_applicable_laws(find_ports(flat), laws)
+    known = {v.name for v in flat.variables}
+    ports = [replace(p, signals={**_further_signals(p, laws, known), **p.signals}) for p in find_ports(flat)]
+    return with_applicable_laws(ports, laws)
 
 
 def with_applicable_laws(ports: Iterable[Port], laws: Sequence[Law]) -> tuple[Port, ...]:
     """Return the ports with the ids of the laws that are applicable there."""
     return tuple(replace(p, laws=tuple(law.id for law in laws if _is_applicable(law, p))) for p in ports)
+
+
+def _further_signals(port: Port, laws: Iterable[Law], known: Collection[str]) -> dict[str, str]:
+    """Return what laws read besides: the variables of these names in the component whose signal the port has."""
+    owner = next(iter(port.signals.values())).rpartition(".")[0]
+    names = dict.fromkeys(n for law in laws if law.kind == port.kind for n in law.further_inputs)
+    there = {n: f"{owner}.{n}" if owner else n for n in names}
+    return {n: path for n, path in there.items() if path in known}
 
 
 #: What cannot be stored: a speed, an angle, their rates, a force, a torque, a current. A first-order lag of such a
@@ -48,8 +58,6 @@ def has_reaction(law: Law, port: Port) -> bool:
 
 def _is_applicable(law: Law, port: Port) -> bool:
     """Return whether a law can act at a port, by its kind, the signals that it reads and the units that it needs."""
-    if port.replaceable is not None:
-        return law.kind == "replaceable" and law.constraint == port.replaceable.constraint
     excluded = law.excluded_units.split()
     if "h_s" in port.signals:
         # over recorded surroundings a temperature is a difference, whatever its zero
@@ -108,13 +116,15 @@ class Candidate:
     """A law that may act at a port.
 
     ``neighbour`` is the port that receives an exchanged or overflowing quantity, or the reaction of a force.
-    ``alias`` is a declared name. ``twins`` are the same law at like places, with the same parameters."""
+    ``alias`` is a declared name, ``sizes`` are declared nominal values. ``twins`` are the same law at like places, with
+    the same parameters."""
 
     law: Law
     port: Port
     neighbour: Port | None = None
     alias: str = ""
     twins: tuple[Self, ...] = ()
+    sizes: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def id(self) -> str:
@@ -161,7 +171,7 @@ def with_twins(found: Sequence[Candidate]) -> tuple[Candidate, ...]:
     for c in found:
         law, port = c.law, c.port
         own = law.kind == "exchange" or law.curve_input or (port.kind == "input" and (law.delay or law.starts))
-        if port.replaceable is None and not own:
+        if not own:
             units = tuple(sorted(port.units.items()))
             key = (law.id, port.kind, port.attachment, units, port.laws, c.neighbour is None)
             alike.setdefault(key, []).append(c)
@@ -169,15 +179,25 @@ def with_twins(found: Sequence[Candidate]) -> tuple[Candidate, ...]:
 
 
 def declared_candidates(found: Sequence[Candidate], declared: PackageDeclaration) -> tuple[Candidate, ...]:
-    """Return the effects that a package declares, under their names, and learned curves in its replaceable models."""
-    known = {c.id: c for c in found}
+    """Return the effects that a package declares, under their names: a law at once at all ports that ``law`` names.
+
+    These are ids or names, joined by ``+``; those that the model does not have are left out."""
+    known: dict[str, list[Candidate]] = {}
+    for c in found:
+        for place in {c.port.id, declared.ports.get(c.port.id, c.port.id)}:
+            known.setdefault(f"{c.law.id}@{place}", []).append(c)
+    named: list[Candidate] = []
     for name, effect in declared.effects.items():
-        if effect.law not in known:
+        law, _, places = effect.law.partition("@")
+        parts = [c for place in places.split("+") for c in known.get(f"{law}@{place}", ())]
+        if not parts:
             close = closest_name(effect.law, known, cutoff=0.0)
             hint = f"; did you mean {close!r}?" if close is not None else ""
             raise InputError(f"{declared.package}: effects.{name}.law: there is no {effect.law!r}{hint}")
-    named = [replace(known[effect.law], alias=name) for name, effect in declared.effects.items()]
-    return (*named, *(c for c in found if c.port.replaceable is not None and c.law.curve_input))
+        if len({c.law.kind for c in parts}) > 1:
+            raise InputError(f"{declared.package}: effects.{name}.law: {effect.law!r} names laws of several kinds")
+        named.append(replace(parts[0], alias=name, twins=tuple(parts[1:]), sizes=effect.sizes))
+    return tuple(named)
 
 
 @dataclass(frozen=True)
@@ -223,14 +243,13 @@ class PlacedLaw(Candidate):
 
     def about(self, p: LawParameter) -> str:
         """Return the description of a parameter in the model."""
-        return p.description if self.port.replaceable is not None else f"{p.description} at {in_words(self.place)}"
+        return f"{p.description} at {in_words(self.place)}"
 
     def declarations(self) -> Iterator[str]:
         """Yield Modelica declarations of the fitted parameters in the model; a twin has those of another law."""
         for p in () if self.is_twin else self.parameters():
             attributes = [f'unit = "{self.unit(p)}"'] if self.unit(p) else []
-            plain = self.port.replaceable is None
-            attributes += [f"{k} = {v:.6g}" if plain else f"{k} = {v!r}" for k, v in self.limits(p).items()]
+            attributes += [f"{k} = {v:.6g}" for k, v in self.limits(p).items()]
             given = f"({', '.join(attributes)}) = {self.value(p)!r}"
             yield f'parameter Real {self.names[p.name]}{given} "{self.about(p)}";'
 
@@ -257,8 +276,9 @@ def place_law(
         raise InputError(f"{law.id}@{port.id}: an exchange needs a neighbour")
     neighbour = c.neighbour if has_reaction(law, port) else None
     used = {n.partition(".")[0] for n in taken}
+    alias = identifier(c.alias.partition("@")[0])
 
-    def free(name: str, place: str = c.place) -> str:
+    def free(name: str, place: str = alias or c.place) -> str:
         suffix = identifier(place)
         candidates = [name, f"{name}_{suffix}", *(f"{name}_{suffix}_{k}" for k in range(2, 100))]
         chosen = next(c for c in candidates if c not in used)
@@ -269,8 +289,11 @@ def place_law(
     fitted += [p.name for p in law.starts if with_starts]
     names = {p: free(p) for p in fitted}
     # a nominal value is an order of magnitude: three digits are enough in a written model
-    rounded = {k: float(f"{v:.3g}") if k.endswith("_n") else float(v) for k, v in (nominals or {}).items()}
-    own = PlacedLaw(law, port, neighbour, c.alias, (), free(c.alias or law.id), names, rounded, dict(values or {}))
+    given = {**(nominals or {}), **c.sizes}
+    rounded = {k: float(f"{v:.3g}") if k.endswith("_n") else float(v) for k, v in given.items()}
+    own = PlacedLaw(
+        law, port, neighbour, c.alias, (), c.sizes, free(alias or law.id), names, rounded, dict(values or {})
+    )
     twins = [
         replace(own, port=t.port, neighbour=t.neighbour, instance=free(law.id, t.port.id), is_twin=True)
         for t in c.twins
@@ -307,17 +330,6 @@ def with_moved_input(placed: PlacedLaw, recorded: Collection[str]) -> PlacedLaw:
     return replace(placed, moved_input=signal) if moved else placed
 
 
-def at_same_ports(placed_laws: Sequence[PlacedLaw], ports: Sequence[Port]) -> list[PlacedLaw]:
-    """Return the same laws at the ports of another model, found by their ids."""
-    there = {p.id: p for p in ports}
-    needed = {p.id for placed in placed_laws for p in (placed.port, placed.neighbour) if p is not None}
-    if lost := sorted(needed - there.keys()):
-        raise CannotFinishError(f"the model with laws in its replaceable models has no port {lost[0]!r} any more")
-    return [
-        replace(p, port=there[p.port.id], neighbour=there[p.neighbour.id] if p.neighbour else None) for p in placed_laws
-    ]
-
-
 def identifier(path: str) -> str:
     """Return a path as an identifier: ``rotor.a`` becomes ``rotor_a``."""
     return re.sub(r"\W+", "_", path).strip("_")
@@ -325,10 +337,7 @@ def identifier(path: str) -> str:
 
 def describe_law(law: Law, port: Port, where: str = "") -> str:
     """Return a phrase about a law and its port, or about ``where`` it acts."""
-    about, place = in_sentence(law.description), port.replaceable
-    if place is None or not place.description:
-        return f"{about} at {in_words(where or port.id)}"
-    return f"{about} ({in_sentence(place.description)})"
+    return f"{in_sentence(law.description)} at {in_words(where or port.id)}"
 
 
 def in_words(place: str) -> str:

@@ -36,40 +36,28 @@ _COMPOSING_ORDER: Mapping[Attachment, int] = {"input": 1, "output": 2}
 def law_models(laws: Sequence[Law], sources: Sequence[Path] = ()) -> LawModels:
     """Return each law as a flat model of its own, by kind and id.
 
-    ``sources`` are the packages of the laws, for laws that use functions or types of their package."""
+    ``sources`` are the packages of the laws, for laws that use functions or types of their package. One run of the
+    compiler flattens all."""
     classes: list[str] = []
-    own: dict[str, tuple[str, Sequence[str]]] = {}
+    components: list[str] = []
+    inputs: dict[str, list[str]] = {}
     for law in laws:
         name = f"{law.kind}_{law.id}"
         classes += class_text(law, f"Model_{name}", nominals={}, signals={})
-        own[name] = f"Model_{name}", [signal for signal in law.interface.inputs if signal in law.used_inputs]
-    parts = flat_components("LawsAtOnce", own, sources, classes=classes)
+        inputs[name] = [signal for signal in law.interface.inputs if signal in law.used_inputs]
+        components.append(f"  Model_{name} {name}({', '.join(f'{signal} = time' for signal in inputs[name])});")
+    with ScratchFolder() as folder:
+        path = Path(folder) / "LawsAtOnce.mo"
+        lines = ["within ;", "model LawsAtOnce", *classes, *components, "end LawsAtOnce;", ""]
+        path.write_text("\n".join(lines), encoding="utf-8")
+        flat = load_flat("LawsAtOnce", [*sources, path], ())
     found: dict[tuple[str, str], FlatModel] = {}
     for law in laws:
-        p = parts[f"{law.kind}_{law.id}"]
+        p = component_of(flat, f"{law.kind}_{law.id}", inputs[f"{law.kind}_{law.id}"])
         found[law.kind, law.id] = FlatModel(
             law.id, p.variables, p.equations, p.initial_equations, functions=p.functions
         )
     return found
-
-
-def flat_components(
-    title: str,
-    components: Mapping[str, tuple[str, Sequence[str]]],
-    sources: Sequence[Path],
-    libraries: Sequence[Path] = (),
-    classes: Sequence[str] = (),
-) -> dict[str, FlatModel]:
-    """Return each component, by its class and its inputs, as a flat model. One run of the compiler flattens all."""
-    lines = ["within ;", f"model {title}", *classes]
-    for name, (cls, inputs) in components.items():
-        bound = ", ".join(f"{signal} = time" for signal in inputs)
-        lines.append(f"  {cls} {name}{f'({bound})' if bound else ''};")
-    with ScratchFolder() as folder:
-        path = Path(folder) / f"{title}.mo"
-        path.write_text("\n".join([*lines, f"end {title};", ""]), encoding="utf-8")
-        flat = load_flat(title, [*sources, path], libraries)
-    return {name: component_of(flat, name, inputs) for name, (_, inputs) in components.items()}
 
 
 def component_of(flat: FlatModel, instance: str, inputs: Sequence[str]) -> FlatModel:

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 from aero_bayes.errors import InputError
 from aero_bayes.modelica.causalisation import causalise
-from aero_bayes.modelica.classes import snake_case
 from aero_bayes.modelica.compose import add_output
 from aero_bayes.modelica.equation_system import translate
 from aero_bayes.modelica.flat import FlatEquation, FlatModel, FlatVariable
@@ -20,7 +19,6 @@ from aero_bayes.structure.balance import (
     Balance,
     Port,
     PortKind,
-    ReplaceableModel,
     find_balance,
     parameter_values,
     signal_port,
@@ -336,16 +334,3 @@ def _neighbours(port: Port, ports: Sequence[Port]) -> tuple[str, ...]:
         )
     )
     return tuple(p.id for p in others)
-
-
-def replaceable_ports(found: Sequence[ReplaceableModel], names: Mapping[str, str]) -> tuple[Port, ...]:
-    """Return a port for each replaceable model.
-
-    Its id is the declared name, if it is unique, or its name in snake case."""
-    own = [snake_case(one.name) for one in found]
-    given = [names.get(name, name) for name in own]
-    ids = [to if given.count(to) == 1 else name for name, to in zip(own, given, strict=True)]
-    return tuple(
-        Port(id_, "replaceable", "redeclare", "", {}, one.place, replaceable=one)
-        for id_, one in zip(ids, found, strict=True)
-    )

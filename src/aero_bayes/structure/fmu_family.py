@@ -23,7 +23,6 @@ from aero_bayes.structure.balance import Balance, Port, PortKind, signal_port
 from aero_bayes.structure.candidates import Candidate, PlacedLaw, find_candidates, identifier, with_applicable_laws
 from aero_bayes.structure.class_with_laws import class_text
 from aero_bayes.structure.coupled_fmu import BASE, INPUT, STATE, UNREAD_SUFFIX, Source, Terms, couple
-from aero_bayes.structure.law import Law
 from aero_bayes.structure.law_places import LawPlaces
 from aero_bayes.structure.modelica_family import ExtendedModel, ModelicaFamily, OpenSimulator, PortNominals
 from aero_bayes.structure.nominal_values import (
@@ -69,11 +68,6 @@ class FmuPlaces(LawPlaces):
     def declared(self) -> PackageDeclaration:
         """An empty declaration: ports and laws around an FMU are found, not declared."""
         return PackageDeclaration()
-
-    @cached_property
-    def replaceable_laws(self) -> tuple[Law, ...]:
-        """Empty: an FMU has no replaceable models."""
-        return ()
 
     def check(self) -> None:
         """Raise InputError for an FMU without Model Exchange, and as for any model."""

@@ -19,8 +19,7 @@ from aero_bayes.structure.law import Law
 def step_of(flat: FlatModel, law: Law) -> tuple[Name, Call] | None:
     """Return ``v`` and the rounded step ``tanh(v / v_smooth)`` of a law that has one.
 
-    Its width is final: of the solver's making. One that may be set is part of the law. A law of a replaceable model
-    reads the variables of its connectors, which are no inputs yet: it stays rounded."""
+    Its width is final: of the solver's making. One that may be set is part of the law."""
     fitted = {p.name for p in law.parameters}
     fixed = {v.name for v in flat.variables if v.variability == "constant"} - fitted
     found = {
@@ -32,7 +31,7 @@ def step_of(flat: FlatModel, law: Law) -> tuple[Name, Call] | None:
         for by, width in [_quotient(part.args[0])]
         if by is not None and width is not None and width.name in fixed and by.name not in fixed | fitted
     }  # fmt: skip
-    if len(found) != 1 or law.kind in ("input", "output", "reading", "replaceable"):
+    if len(found) != 1 or law.kind in ("input", "output", "reading"):
         return None
     ((step, by),) = found.items()
     return by, step

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cache, cached_property
 from pathlib import Path
 from typing import Literal
@@ -17,9 +17,7 @@ from aero_bayes.modelica.syntax import Expression, Text, arguments_of, names_in
 from aero_bayes.modelica.units import dimension, in_base_units_if_scaled, unit_factors, unit_text
 from aero_bayes.simulation.model_description import Memory, memory_named
 
-LawKind = Literal[
-    "input", "output", "reading", "motion", "storage", "overflow", "exchange", "electrical", "replaceable"
-]  # fmt: skip
+LawKind = Literal["input", "output", "reading", "motion", "storage", "overflow", "exchange", "electrical"]
 
 
 @dataclass(frozen=True)
@@ -88,7 +86,10 @@ class LawParameter:
 
 @dataclass(frozen=True)
 class Law:
-    """A physical law that may be missing in a model, such as Coulomb friction, read from a Modelica class."""
+    """A physical law that may be missing in a model, such as Coulomb friction, read from a Modelica class.
+
+    ``further_inputs`` are those that its own class declares: it reads variables of these names beside the signal of a
+    port."""
 
     id: str
     kind: LawKind
@@ -105,14 +106,13 @@ class Law:
     interface: LawInterface
     text: str
     cls: ClassText = field(repr=False, compare=False)
-    widths: Mapping[str, float] = field(default_factory=dict)
-    constraint: str = ""
     both_signs: str = ""
     nonnegative: str = ""
     delay: str = ""
     memory: Memory = ""
     absolute: str = ""
     starts: tuple[LawParameter, ...] = ()
+    further_inputs: tuple[str, ...] = ()
 
     @cached_property
     def differentiated(self) -> frozenset[str]:
@@ -179,6 +179,8 @@ def _partial_model(cls: ClassText, known: Mapping[str, ClassText]) -> str | None
 
 def _law(cls: ClassText, interface: LawInterface, base: ClassText, text: str, merged: ClassText) -> Law:
     own, inherited = cls.components(), base.components()
+    further = tuple(c.name for c in own if "input" in c.prefixes)
+    interface = replace(interface, inputs=(*interface.inputs, *further))
     fitted = [law_parameter(c) for c in (*own, *inherited) if is_fitted_parameter(c)]
     parameters = tuple(p for p in fitted if not p.name.startswith(START_PREFIX))
     if not parameters:
@@ -220,6 +222,7 @@ def _law(cls: ClassText, interface: LawInterface, base: ClassText, text: str, me
         text=text,
         cls=merged,
         starts=tuple(p for p in fitted if p not in parameters),
+        further_inputs=further,
     )
 
 

@@ -10,35 +10,27 @@ from pathlib import Path
 from aero_bayes.declared import PackageDeclaration
 from aero_bayes.errors import InputError
 from aero_bayes.estimate.measured_data import MeasuredData
-from aero_bayes.modelica.classes import ClassText, ComponentDeclaration, snake_case
 from aero_bayes.modelica.flat import FlatModel
-from aero_bayes.modelica.library import declaration_of
-from aero_bayes.modelica.parse import evaluate_expression, parse_expression
+from aero_bayes.modelica.library import declaration_of, rig_packages
 from aero_bayes.modelica.rumoca_front import load_flat
-from aero_bayes.modelica.sources import Sources
 from aero_bayes.structure.aliases import AliasStructure, alias_structure
-from aero_bayes.structure.balance import Port, ReplaceableModel, find_replaceable_models
+from aero_bayes.structure.balance import Port
 from aero_bayes.structure.candidates import (
     Candidate,
     declared_candidates,
+    describe_law,
     find_candidates,
     place_law,
     ports_with_laws,
-    with_applicable_laws,
     with_twins,
 )
-from aero_bayes.structure.compose import LawModels, flat_components, law_models
-from aero_bayes.structure.find import replaceable_ports
+from aero_bayes.structure.compose import LawModels, law_models
 from aero_bayes.structure.law import (
     Law,
-    LawInterface,
-    annotation_text,
-    is_fitted_parameter,
-    law_parameter,
     read_laws,
     shipped_laws,
 )
-from aero_bayes.structure.write_model import can_be_written, read_sources, reserved_names
+from aero_bayes.structure.write_model import can_be_written, reserved_names
 from aero_bayes.unknown_names import closest_name
 
 #: What the names under each key mean.
@@ -96,67 +88,6 @@ class CandidateFilter:
                 raise InputError(told, f"[loop] {told}")
 
 
-#: A law in place of a replaceable model brings its own connections. A learned curve is ``y`` over ``x``, and its
-#: parameter ``x_n`` is the largest value of ``x`` in a fit.
-REPLACEABLE_INTERFACE = LawInterface("replaceable", "y", ("x",), {"x_n": "x"})
-
-
-def laws_for_constraint(known: Sources, constraint: str) -> tuple[Law, ...]:
-    """Return the laws for replaceable models with a constraining class, in the order of files and classes.
-
-    A law is a class that extends the constraining class, and whose first own parameter with a nominal value is zero by
-    default."""
-    found: list[Law] = []
-    if constraint not in known.by_name:
-        return ()
-    shared = {c.full_name for _, c in known.lineage(*known.find(constraint))}
-    for file in (file for file in known.files.values() if not Path(file.file).is_absolute()):
-        for cls in (c for top in file.classes for c in top.walk()):
-            if cls.partial or cls.kind not in ("model", "block") or cls.full_name in shared:
-                continue
-            chain = known.lineage(file, cls)
-            if not any(c.full_name == constraint for _, c in chain):
-                continue
-            own = [c for _, of in chain if of.full_name not in shared for c in of.components()]
-            try:
-                law = _law(cls, constraint, own)
-            except InputError as error:
-                raise InputError(f"{file.file}: {cls.full_name}: {error}") from None
-            if law is not None:
-                found.append(law)
-    return tuple(found)
-
-
-def _law(cls: ClassText, constraint: str, own: Sequence[ComponentDeclaration]) -> Law | None:
-    switches = [c for c in own if is_fitted_parameter(c)]
-    if not switches or _number(switches[0]) != 0.0:
-        return None
-    fitted = tuple(law_parameter(c) for c in switches)
-    set_from_outside = [c for c in own if "parameter" in c.prefixes and not c.prefixes & {"final", "protected"}]
-    others = {
-        c.name: value for c in set_from_outside if not is_fitted_parameter(c) and (value := _number(c)) is not None
-    }
-    nominals = {name: value for name, value in others.items() if name in REPLACEABLE_INTERFACE.nominals}
-    widths = {name: value for name, value in others.items() if name not in nominals}
-    for p in fitted:
-        p.check(nominals)
-    notes = [annotation_text(cls.annotation, word) for word in ("refines", "learned", "threshold")]
-    if notes[1] not in ("", "x"):
-        raise InputError(f'learned = {notes[1]!r}; expected "x", the variable over which y is learned')
-    refines, learned, threshold = notes
-    return Law(
-        snake_case(cls.name), "replaceable", cls.full_name, cls.description, fitted, nominals, frozenset(), {}, "",
-        refines, learned, threshold, REPLACEABLE_INTERFACE, "", cls, widths, constraint,
-    )  # fmt: skip
-
-
-def _number(c: ComponentDeclaration) -> float | None:
-    try:
-        return evaluate_expression(parse_expression(c.binding), {}) if c.binding else None
-    except InputError:
-        return None
-
-
 @dataclass(frozen=True)
 class LawPlaces:
     """A Modelica class, its ports, and the laws that may act there, those in its ``sources`` among them."""
@@ -176,8 +107,9 @@ class LawPlaces:
 
     @cached_property
     def laws(self) -> tuple[Law, ...]:
-        """The shipped laws, and those in the user's sources."""
-        return (*shipped_laws(), *read_laws(self.sources))
+        """The shipped laws, those of the rig's own package, and those in the user's sources."""
+        own = [folder for folder in rig_packages() if folder.name == self.declared.package]
+        return (*shipped_laws(), *read_laws([*own, *self.sources]))
 
     @cached_property
     def declared(self) -> PackageDeclaration:
@@ -185,53 +117,20 @@ class LawPlaces:
         return declaration_of(self.base, self.sources)
 
     @cached_property
-    def _sources(self) -> Sources:
-        return read_sources(self.sources, self.flat)
-
-    @cached_property
-    def _replaceable_models(self) -> tuple[ReplaceableModel, ...]:
-        return find_replaceable_models(self._sources, self.base)
-
-    @cached_property
-    def replaceable_laws(self) -> tuple[Law, ...]:
-        """Laws that can take the place of its replaceable models."""
-        constraints = dict.fromkeys(one.constraint for one in self._replaceable_models)
-        return tuple(law for constraint in constraints for law in laws_for_constraint(self._sources, constraint))
-
-    @cached_property
-    def replaceables(self) -> tuple[Port, ...]:
-        """Ports at its replaceable models, where there are laws for them."""
-        usable = {law.constraint for law in self.replaceable_laws}
-        found = [one for one in self._replaceable_models if one.constraint in usable]
-        return with_applicable_laws(replaceable_ports(found, self.declared.ports), self.replaceable_laws)
-
-    @cached_property
     def ports(self) -> tuple[Port, ...]:
         """All places where a law may act."""
-        found = ports_with_laws(self.flat, self.laws)
-        taken = {p.id for p in found}
-        return (*found, *(replace(p, id=f"model_{p.id}") if p.id in taken else p for p in self.replaceables))
+        return ports_with_laws(self.flat, self.laws)
 
     @cached_property
     def candidates(self) -> tuple[Candidate, ...]:
-        """Every applicable law at every port. If the package names effects, only these and learned curves."""
-        found = find_candidates(self.ports, (*self.laws, *self.replaceable_laws))
+        """Every applicable law at every port. If the package names effects, only these."""
+        found = find_candidates(self.ports, self.laws)
         return declared_candidates(found, self.declared) if self.declared.effects else with_twins(found)
 
     @cached_property
     def law_models(self) -> LawModels:
         """Each law as a flat model of its own."""
-        found = dict(law_models(self.laws))
-        if self.replaceable_laws:
-            inputs = {law.constraint: self._inputs_of(law.constraint) for law in self.replaceable_laws}
-            own = {law.id: (law.model, inputs[law.constraint]) for law in self.replaceable_laws}
-            effects = flat_components("EffectsAtOnce", own, self.sources, self.libraries)
-            found |= {("replaceable", id_): flat for id_, flat in effects.items()}
-        return found
-
-    def _inputs_of(self, constraint: str) -> list[str]:
-        chain = self._sources.lineage(*self._sources.find(constraint))
-        return [c.name for _, cls in chain for c in cls.components() if "input" in c.prefixes]
+        return law_models(self.laws)
 
     def check(self) -> None:
         """Raise InputError if the candidate filter names something unknown, or rejects all candidates."""
@@ -254,11 +153,20 @@ class LawPlaces:
         """Return the declared name of a port, which several ports may share; else its id."""
         return self.declared.ports.get(port.id, port.id)
 
+    def place_name(self, c: Candidate) -> str:
+        """Return the names of the ports where a candidate acts."""
+        return "+".join(dict.fromkeys(self.port_name(one.port) for one in c.parts))
+
+    def describe(self, c: Candidate) -> str:
+        """Return a phrase about a law and its place; a signal of the model itself stands there by its own name."""
+        own = "." not in c.port.id and not c.twins
+        return describe_law(c.law, c.port, c.port.id if own else self.place_name(c))
+
     def candidates_for(self, data: MeasuredData) -> Sequence[Candidate]:
         """Return the candidates that can be written into the source."""
         every = self.candidates
-        edited = {c.port.id: c for c in every if c.port.attachment in ("equation", "signal") and not c.twins}.values()
-        laws = [place_law(c, self.taken_names()) for c in edited]
+        edited = {c.port.id: c for one in every for c in one.parts if c.port.attachment in ("equation", "signal")}
+        laws = [place_law(replace(c, twins=()), self.taken_names()) for c in edited.values()]
         barred = {p.port.id for p in laws if not can_be_written(self.sources, self.base, self.flat, p)}
         return tuple(c for c in every if not barred & {one.port.id for one in c.parts})
 

@@ -14,7 +14,6 @@ from pathlib import Path
 import numpy as np
 
 from aero_bayes.declared import DeclaredEffect
-from aero_bayes.errors import InputError
 from aero_bayes.estimate.calibration import Calibration
 from aero_bayes.estimate.local_fit import Optimum
 from aero_bayes.estimate.parameters import Parameter, ParameterSet
@@ -36,32 +35,25 @@ from aero_bayes.simulation.model import Model, ModelicaSource
 from aero_bayes.structure.attach import AlgebraicLoopError, LawBlocks, attached, can_be_attached
 from aero_bayes.structure.candidates import (
     PlacedLaw,
-    at_same_ports,
-    describe_law,
     is_possible,
     place_law,
     place_laws,
-    ports_with_laws,
     with_moved_input,
 )
 from aero_bayes.structure.compose import compose_laws
 from aero_bayes.structure.coupled_fmu import couple
 from aero_bayes.structure.law import START_PREFIX
 from aero_bayes.structure.law_places import START, LawPlaces, is_held
-from aero_bayes.structure.nominal_values import port_nominals, signal_nominal, simulated_signals
+from aero_bayes.structure.nominal_values import port_nominals
 from aero_bayes.structure.open_ports import (
     CurveBasis,
     OpenModel,
     curve_basis,
-    curve_variable,
-    isolated_curve,
     open_model,
     state_aliases,
     state_names,
     states_by_base_name,
-    with_curve_inputs,
 )
-from aero_bayes.structure.redeclare import load_with_redeclarations, split_by_replaceable
 from aero_bayes.structure.write_model import WrittenModel, write_laws
 
 OpenSimulator = Callable[[Problem], Simulator]
@@ -101,7 +93,6 @@ class ExtendedModel(WrittenModel):
     sharper: Model | None
     parameters: tuple[Parameter, ...]
     names: Mapping[str, tuple[tuple[str, str], ...]]
-    widths: Mapping[str, Mapping[str, float]]
 
 
 def calibration_on(calibration: Calibration, model: Model, names: Mapping[str, str]) -> Calibration:
@@ -231,9 +222,6 @@ class ModelicaFamily:
     _starts: dict[str, Starts] = field(default_factory=dict, compare=False, repr=False)
     _written: list[PlacedLaw] = field(default_factory=list, compare=False, repr=False)
     _open: list[OpenModel] = field(default_factory=list, compare=False, repr=False)
-    _curve_nominals_pending: list[Callable[[], Mapping[str, float]]] = field(
-        default_factory=list, compare=False, repr=False
-    )
 
     def base_model(self) -> Model:
         """Return the model without any law added."""
@@ -243,8 +231,7 @@ class ModelicaFamily:
     def prepare(self, calibration: Calibration, fit: Optimum, open_simulator: OpenSimulator) -> tuple[str, ...]:
         """Place the laws that are candidates, with nominal values from a fit. Returns their ids."""
         kept = self.places.allowed(self.places.candidates_for(calibration.data))
-        found = any(c.port.replaceable is None for c in kept)
-        nominals = self._nominals(calibration, fit, open_simulator) if found else {}
+        nominals = self._nominals(calibration, fit, open_simulator)
         required = self.places.candidate_filter.require
         kept = [
             c for c in kept
@@ -260,7 +247,6 @@ class ModelicaFamily:
             declared = self.places.declared.effects.get(placed.id)
             self.placed[placed.id] = placed
             self._starts[placed.id] = starting_values(placed, declared, highest)
-        self._curve_nominals_pending[:] = [partial(self._curve_nominals, calibration, fit, open_simulator)]
         return tuple(self.placed)
 
     def _nominals(self, calibration: Calibration, fit: Optimum, open_simulator: OpenSimulator) -> PortNominals:
@@ -274,12 +260,12 @@ class ModelicaFamily:
 
     def curves(self) -> Mapping[str, str]:
         """Return learned curves, and the variable over which each is learned."""
-        return {id_: curve_variable(placed) for id_, placed in self.placed.items() if placed.law.curve_input}
+        found = {id_: p for id_, p in self.placed.items() if p.law.curve_input}
+        return {id_: p.port.signals.get(p.law.curve_input, p.port.id) for id_, p in found.items()}
 
     def basis(self, id_: str) -> CurveBasis:
         """Return the basis functions of a learned curve."""
-        (placed,) = self._sized([id_])
-        return curve_basis(*isolated_curve(placed, self.places.law_models))
+        return curve_basis(self.placed[id_], self.places.law_models)
 
     def parameters(self, id_: str) -> tuple[Parameter, ...]:
         """Return the parameters of a candidate, by their names in a model with candidates."""
@@ -293,14 +279,11 @@ class ModelicaFamily:
         """Return the model with some laws, switched off."""
         placed_laws = self._ordered(ids)
         terms = [
-            (CandidateTerm(u.id, self._port_name(u), self.starts(u.id)), self.parameters(u.id))
+            (CandidateTerm(u.id, self.places.place_name(u), self.starts(u.id)), self.parameters(u.id))
             for u in placed_laws
             if not u.is_twin
         ]
         return ModelWithCandidates(self._simulated(placed_laws), terms)
-
-    def _port_name(self, placed: PlacedLaw) -> str:
-        return placed.place if placed.twins else self.places.port_name(placed.port)
 
     @cached_property
     def blocks(self) -> LawBlocks:
@@ -339,11 +322,7 @@ class ModelicaFamily:
 
     def _composed(self, placed_laws: Sequence[PlacedLaw]) -> FlatModel:
         """Return the flat model with laws, all compiled together."""
-        inside, others = split_by_replaceable(placed_laws)
-        flat = self._redeclared(inside)
-        if inside and others:
-            others = at_same_ports(others, ports_with_laws(flat, self.places.laws))
-        return compose_laws(flat, others, self.places.law_models) if others else flat
+        return compose_laws(self.places.flat, placed_laws, self.places.law_models)
 
     def _sharper(self, placed_laws: Sequence[PlacedLaw], model: Model) -> Model | None:
         """Return the simulated model with narrower roundings; None where it has none that are constants."""
@@ -351,49 +330,14 @@ class ModelicaFamily:
         narrow = sharpened(flat, [v.name for v in model.parameters])
         return self._export(narrow, "sharper") if narrow is not None else None
 
-    def _redeclared(self, placed_laws: Sequence[PlacedLaw]) -> FlatModel:
-        """Return the model with laws in its replaceable models."""
-        if not placed_laws:
-            return self.places.flat
-        return load_with_redeclarations(
-            self.places.base, f"{self.places.title}_candidates", placed_laws, self.places.sources, self.places.libraries
-        )
-
-    def _sized(self, ids: Iterable[str]) -> list[PlacedLaw]:
-        """Return placed laws by id. The first request for a curve computes the nominal values of all curves."""
-        wanted = list(ids)
-        if self._curve_nominals_pending and {placed.id for placed in self._curves()} & set(wanted):
-            for id_, size in self._curve_nominals_pending.pop()().items():
-                self.placed[id_] = replace(self.placed[id_], nominals={"x_n": size})
-        return [self.placed[id_] for id_ in wanted]
-
-    def _curves(self) -> list[PlacedLaw]:
-        """Return learned curves in replaceable models."""
-        every = self.placed.values()
-        return [placed for placed in every if placed.port.replaceable is not None and placed.law.curve_input]
-
-    def _curve_nominals(
-        self, calibration: Calibration, fit: Optimum, open_simulator: OpenSimulator
-    ) -> dict[str, float]:
-        """Compute the nominal value of the input of each curve, from a simulation at the fit; empty if that fails."""
-        placed_laws = self._curves()
-        flat, names = with_curve_inputs(self._redeclared(placed_laws), placed_laws)
-        found: dict[str, float] = {}
-        with suppress(InputError):
-            own = self.transfer(calibration, self._export(flat, "curves"))
-            seen = simulated_signals(own, list(names.values()), fit, open_simulator)
-            found = {id_: float(f"{signal_nominal(seen[name]) or 1.0:.3g}") for id_, name in names.items()}
-        return found
-
     def _ordered(self, ids: Iterable[str]) -> list[PlacedLaw]:
         """Return placed laws, and their twins, in the order in which they are composed.
 
         It is that of the candidates, whatever the order of ``ids``: of two laws at one signal the first is the inner
-        one. Those in replaceable models come first; of the others, laws that need the derivative of a reading."""
+        one. Laws that need the derivative of a reading come first."""
         places = {id_: k for k, id_ in enumerate(self.placed)}
-        inside, others = split_by_replaceable(self._sized(sorted(ids, key=places.__getitem__)))
-        others = sorted(others, key=lambda u: not u.law.needs_derivative)
-        return [*inside, *(part for placed in others for part in placed.parts)]
+        found = [self.placed[id_] for id_ in sorted(ids, key=places.__getitem__)]
+        return [part for placed in sorted(found, key=lambda u: not u.law.needs_derivative) for part in placed.parts]
 
     def extend(self, ids: Sequence[str], values: Mapping[str, float], folder: Path) -> ExtendedModel:
         """Return the model with chosen laws, written as Modelica and exported.
@@ -417,10 +361,7 @@ class ModelicaFamily:
         sharper = self._sharper(placed_laws, model)
         firsts = [placed for placed in placed_laws if not placed.is_twin]
         parameters = tuple(p for placed in firsts for p in fitted_parameters(placed))
-        widths = {u.id: u.law.widths for u in firsts}
-        return ExtendedModel(
-            **vars(written), model=model, sharper=sharper, parameters=parameters, names=names, widths=widths
-        )
+        return ExtendedModel(**vars(written), model=model, sharper=sharper, parameters=parameters, names=names)
 
     def with_fitted(
         self, written: ExtendedModel, values: Mapping[str, float], added: Sequence[Parameter]
@@ -466,8 +407,7 @@ class ModelicaFamily:
         if is_held(id_):
             what = "start" if id_.startswith(START) else "value"
             return f"another {what} of {id_.partition('@')[2]} than the fixed one"
-        placed = self.placed[id_]
-        return describe_law(placed.law, placed.port, placed.place)
+        return self.places.describe(self.placed[id_])
 
     def _export(self, flat: FlatModel, what: str) -> Model:
         """Return the FMU of a flat model. The hash of the flat model is part of the file name."""

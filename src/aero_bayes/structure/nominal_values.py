@@ -153,7 +153,6 @@ def port_nominals(
 
     The nominal value of a law's output in a balance is that of the largest term of the balance. Beside them stands the
     range of each signal, ``v_low`` and ``v_high`` for ``v``, and the share of it that is visited twice, ``v_twice``."""
-    ports = [p for p in ports if p.replaceable is None]
     structure, data = alias_structure(flat), calibration.data
     outputs = _AddedOutputs(flat)
     acting: dict[str, list[str]] = {}

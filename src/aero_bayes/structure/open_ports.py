@@ -1,128 +1,27 @@
-"""A Modelica model with open ports, exported once; replaceable models are open ports, too.
-
-A law of a replaceable model reads the potentials of the connectors of its place, the flow into the first one of two in
-series, and what is handed to it. It gives the flows out of the others, what is added to the potential and lost of the
-flow in series, and what is added to a signal: all zero in the neutral class."""
+"""A Modelica model with open ports, exported once."""
 
 from __future__ import annotations
 
 import zipfile
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from xml.etree import ElementTree
 
 import numpy as np
 
 from aero_bayes.arrays import FloatArray
-from aero_bayes.errors import InputError
 from aero_bayes.modelica.causalisation import causalise
-from aero_bayes.modelica.compose import TRUE_SUFFIX, add_input, add_output, attribute_value, equate
+from aero_bayes.modelica.compose import TRUE_SUFFIX, add_output
 from aero_bayes.modelica.equation_system import translate
 from aero_bayes.modelica.expression import evaluate_nodes
-from aero_bayes.modelica.flat import FlatEquation, FlatModel, FlatVariable
-from aero_bayes.modelica.syntax import Call, Expression, Name, Number, map_names
+from aero_bayes.modelica.flat import FlatModel
+from aero_bayes.modelica.syntax import Call
 from aero_bayes.simulation.model import Model
 from aero_bayes.structure.aliases import AliasStructure, alias_structure
-from aero_bayes.structure.balance import CombinationRule, ReplaceableModel, signal_expression, signal_parts
-from aero_bayes.structure.candidates import PlacedLaw, identifier, in_sentence
+from aero_bayes.structure.balance import signal_expression, signal_parts
+from aero_bayes.structure.candidates import PlacedLaw, identifier
 from aero_bayes.structure.compose import LawModels, with_probe
 from aero_bayes.structure.coupled_fmu import BASE, INPUT, STATE, UNREAD_SUFFIX, Source, Terms
-from aero_bayes.structure.nominal_values import NEGLIGIBLE_TERM
-from aero_bayes.structure.redeclare import component_path
-
-ACROSS, LOST, THROUGH = "across", "lost", "through"
-
-
-@dataclass(frozen=True)
-class Terminals:
-    """What a law of a replaceable model reads and gives, by the names that it has in the law's FMU."""
-
-    reads: Mapping[str, str]
-    passed: Mapping[str, tuple[str, float]]
-    definitions: Mapping[str, Expression]
-
-    def reads_in(self, component: str) -> dict[str, str]:
-        """Return what a law reads, by the names in the whole model."""
-        return {name: f"{component}.{member}" for name, member in self.reads.items()}
-
-
-def terminals(join: CombinationRule, members: Sequence[FlatVariable]) -> Terminals:
-    """Return the terminals of a place from its variables, named from within."""
-    reads: dict[str, str] = {}
-    passed: dict[str, tuple[str, float]] = {}
-    definitions: dict[str, Expression] = {}
-
-    def ends(connector: str) -> tuple[str, str]:
-        own = [v for v in members if v.name.rpartition(".")[0] == connector]
-        return next(v.name for v in own if not v.flow), next(v.name for v in own if v.flow)
-
-    for connector in join.shared:
-        potential, flow = ends(connector)
-        reads[identifier(potential)] = potential
-        definitions[identifier(flow)] = Name(flow)
-    if join.series:
-        (potential, flow), (end, out) = map(ends, join.series)
-        reads |= {identifier(potential): potential, identifier(flow): flow}
-        definitions[ACROSS] = Call("-", (Name(end), Name(potential)))
-        definitions[LOST] = Call("+", (Name(flow), Name(out)))
-        passed |= {potential: (ACROSS, 1.0), flow: (LOST, -1.0)}
-    if join.signal:
-        signal, out = join.signal
-        reads[signal] = signal
-        definitions[THROUGH] = Call("-", (Name(out), Name(signal)))
-        passed[signal] = (THROUGH, 1.0)
-    constant = {v.name for v in members if v.constant}
-    reads |= {name: name for name in join.handed if name not in constant}
-    return Terminals(reads, passed, definitions)
-
-
-def open_replaceables(
-    flat: FlatModel, places: Sequence[ReplaceableModel]
-) -> tuple[FlatModel, dict[str, str], dict[str, Terminals]]:
-    """Return a model with probe inputs in place of what its neutral classes state, their names by
-    ``component.terminal``, and the terminals of each component.
-
-    A replaceable model whose neutral class states something else stays as it is."""
-    names: dict[str, str] = {}
-    opened: dict[str, Terminals] = {}
-    for join, components in ((place.combination, place.components) for place in places):
-        for component in components if join is not None else ():
-            assert join is not None
-            found = terminals(join, members(flat, component))
-            neutral = [i for i, e in enumerate(flat.equations) if e.component == component and e.origin == "component"]
-            if len(neutral) != len(found.definitions):
-                continue
-            opened[component] = found
-            equations = list(flat.equations)
-            for i, (terminal, tree) in zip(neutral, found.definitions.items(), strict=True):
-                names[f"{component}.{terminal}"] = probe = f"probe_{identifier(component)}_{terminal}"
-                whole = map_names(tree, lambda n, at=component: Name(f"{at}.{n.name}", n.subscripts))  # type: ignore[misc]
-                equations[i] = FlatEquation(whole, Name(probe), "added", place=equations[i].place)
-                flat = add_input(flat, probe)
-            flat = replace(flat, equations=tuple(equations))
-    return flat, names, opened
-
-
-def members(flat: FlatModel, component: str) -> list[FlatVariable]:
-    """Return the variables of a component, named from within."""
-    prefix = f"{component}."
-    return [replace(v, name=v.name.removeprefix(prefix)) for v in flat.variables if v.name.startswith(prefix)]
-
-
-def effect_block(flat: FlatModel, join: CombinationRule) -> FlatModel:
-    """Return a law of a replaceable model with its terminals as inputs and outputs."""
-    found = terminals(join, flat.variables)
-    shown = [v.name for v in flat.variables if v.causality == "output"]
-    flat = replace(
-        flat, variables=tuple(replace(v, causality="local") if v.name in shown else v for v in flat.variables)
-    )
-    for name, member in found.reads.items():
-        if name != member:
-            flat = equate(add_input(flat, name), member, Name(name))
-    for name, tree in found.definitions.items():
-        flat = add_output(flat, name, tree)
-    return flat
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,8 +30,7 @@ class OpenModel:
 
     ``inputs`` are its own, ``probes`` the inputs that stand for a law's output by the id of the port, which count
     ``gain`` times. ``signals`` and ``rates`` say where a signal and its derivative are found. ``needs`` has the inputs
-    on which outputs depend at once, ``copies`` the states that outputs are as long as no probe acts on them.
-    By components of replaceable models, ``terminals`` has what a law reads and gives, ``constants`` parameters."""
+    on which outputs depend at once, ``copies`` the states that outputs are as long as no probe acts on them."""
 
     model: Model
     inputs: tuple[str, ...]
@@ -144,8 +42,6 @@ class OpenModel:
     gain: float = 1.0
     copies: Mapping[str, int] = field(default_factory=dict)
     state_names: Sequence[str] = ()
-    terminals: Mapping[str, Terminals] = field(default_factory=dict)
-    constants: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
 
     def output_needs(self, name: str) -> frozenset[str]:
         """Return the inputs on which an output depends at once."""
@@ -203,42 +99,6 @@ def curve_basis(placed: PlacedLaw, models: LawModels) -> CurveBasis:
     return CurveBasis(x, placed.port.units.get(law.curve_input, ""), plain, rows, placed.port.unit)
 
 
-def curve_variable(placed: PlacedLaw) -> str:
-    """Return the variable over which a curve is learned, for a reader."""
-    if placed.port.replaceable is None:
-        return placed.port.signals.get(placed.law.curve_input, placed.port.id)
-    about = next((c.description for c in placed.law.cls.components() if c.name == placed.law.curve_input), "")
-    return in_sentence(about) or placed.port.id
-
-
-def isolated_curve(placed: PlacedLaw, models: LawModels) -> tuple[PlacedLaw, LawModels]:
-    """Take a curve of a replaceable model out of what else its class states; any other is alone already."""
-    key = placed.law.kind, placed.law.id
-    if placed.port.replaceable is None:
-        return placed, models
-    x, y, part = placed.law.curve_input, placed.law.interface.output, models[key]
-    kept = {x, y, *placed.all_nominals, *(p.name for p in placed.law.parameters)}
-    variables = tuple(
-        replace(v, causality="input" if v.name == x else "local", binding=Number(0.0) if v.constant else None)
-        for v in part.variables
-        if v.name in kept
-    )
-    equations = tuple(e for e in part.equations if isinstance(e.left, Name) and e.left.name == y)
-    units = {v.name: v.unit for v in variables}
-    port = replace(placed.port, unit=units[y], units={x: units[x]})
-    alone = FlatModel(placed.law.id, variables, equations, functions=part.functions)
-    return replace(placed, port=port), {key: alone}
-
-
-def with_curve_inputs(flat: FlatModel, placed_laws: Sequence[PlacedLaw]) -> tuple[FlatModel, dict[str, str]]:
-    """Return a model with further outputs, the inputs of curves in its replaceable models, and their names by id."""
-    names = {placed.id: f"learned_over_{k}" for k, placed in enumerate(placed_laws)}
-    for placed in placed_laws:
-        signal = Name(f"{component_path(placed, placed_laws)}.{placed.law.curve_input}")
-        flat = add_output(flat, names[placed.id], Call("+", (signal, NEGLIGIBLE_TERM)))
-    return flat, names
-
-
 def state_aliases(model: Model) -> dict[str, str]:
     """Return the state that each variable of an FMU 2.0 is an alias of: both have one value reference."""
     with zipfile.ZipFile(model.path) as archive:
@@ -279,17 +139,15 @@ def open_model(
     base: Model, placed_laws: Iterable[PlacedLaw], flat: FlatModel, export: Callable[[FlatModel], Model]
 ) -> OpenModel:
     """Return a model with its ports open for some laws. ``base`` is the same model without open ports."""
-    every = list(placed_laws)
-    ports = {p.id: p for placed in every for p in (placed.port, placed.neighbour) if p is not None}
-    inside = [p.replaceable for p in ports.values() if p.replaceable is not None]
-    flat, probes, opened = open_replaceables(flat, inside)
+    every = [part for placed in placed_laws for part in placed.parts]
+    ports = {p.id: p for part in every for p in (part.port, part.neighbour) if p is not None}
+    probes: dict[str, str] = {}
     structure = alias_structure(flat)
     for port in ports.values():
-        if port.attachment not in ("input", "output", "redeclare"):
+        if port.attachment not in ("input", "output"):
             probes[port.id] = f"{PROBE}{identifier(port.id)}"
             flat = with_probe(flat, port, probes[port.id], 1.0)
     read = [given for port in ports.values() for given in port.signals.values()]
-    read += [signal for component, found in opened.items() for signal in found.reads_in(component).values()]
     signals = dict.fromkeys(one for given in read for _, one in signal_parts(given))
     rated = dict.fromkeys(p.port.signals["u"] for p in every if p.law.needs_derivative)
     copied = {v.name: k for v in base.outputs if (k := base.copied_state(v.name)) is not None}
@@ -315,7 +173,6 @@ def open_model(
         model, tuple(v.name for v in model.inputs if v.name not in probes.values()), probes,
         {name: found.terms(SIGNAL, name) for name in signals}, moving,
         _needs(model), frozenset(shown.values()), copies=_copies(copied, model, positions), state_names=names,
-        terminals=opened, constants={component: _constants(flat, component) for component in opened},
     )  # fmt: skip
 
 
@@ -360,16 +217,6 @@ def _copies(copied: Mapping[str, int], model: Model, positions: Mapping[int, int
     """Return outputs that are states of the base and are none while a probe acts on them, with the state there."""
     states = {s.value_reference for s in model.states}
     return {n: positions[k] for n, k in copied.items() if model.output(n).value_reference not in states}
-
-
-def _constants(flat: FlatModel, component: str) -> dict[str, float]:
-    """Return values of the parameters of a component, as far as they are numbers."""
-    found = {}
-    for v in members(flat, component):
-        if v.constant and not v.sizes:
-            with suppress(InputError):
-                found[v.name] = attribute_value(flat, f"{component}.{v.name}", "value")
-    return found
 
 
 def _places(model: Model, structure: AliasStructure) -> Places:

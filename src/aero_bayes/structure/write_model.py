@@ -24,7 +24,6 @@ from aero_bayes.structure.balance import DIFFERENCE, Attachment, Port
 from aero_bayes.structure.balance_writer import BalanceWriter, class_of, equation_of
 from aero_bayes.structure.candidates import PlacedLaw
 from aero_bayes.structure.class_with_laws import ClassWithLaws, without_indices
-from aero_bayes.structure.redeclare import redeclaring_class, split_by_replaceable
 
 
 class ConnectionWriter:
@@ -78,7 +77,7 @@ class ConnectionWriter:
         left, right = port.connectors
         acts = placed.law.interface.output
         equations = [f"p.{port.potential} - n.{port.potential} = {acts};", f"p.{port.flow} + n.{port.flow} = 0;"]
-        given = {} if "i" in placed.law.interface.inputs else dict(port.signals)
+        given = {k: v for k, v in port.signals.items() if k != "i"}
         self.target.declare(placed, given, {"i": f"p.{port.flow}"}, self._connectors(port, "p", "n"), equations)
         mine = [
             u.instance
@@ -355,15 +354,8 @@ def write_laws(
 
     If all laws are at connections, the model extends the class of the user. Otherwise it is a copy of that class, with
     comments and layout kept."""
-    inside, others = split_by_replaceable(placed_laws)
     title = name or _name(model, placed_laws)
-    base, text, before, old = model, "within ;\n", "", "/dev/null"
-    if others or not inside:
-        base = _name(model, others) if inside else title
-        text, before, old = _edited_source(sources, model, flat, others, base)
-    if inside:
-        text += "\n".join([*redeclaring_class(base, title, inside), ""])
-        before, old = "", "/dev/null"
+    text, before, old = _edited_source(sources, model, flat, placed_laws, title)
     path = Path(out_dir) / f"{title}.mo"
     path.parent.mkdir(parents=True, exist_ok=True)
     write_whole(path, text)
@@ -381,13 +373,13 @@ def can_be_written(sources: Sequence[Path], model: str, flat: FlatModel, placed:
 
 def _name(model: str, placed_laws: Sequence[PlacedLaw]) -> str:
     """Name the written class after the model and its laws."""
-    return "_".join([model.rpartition(".")[2], *(placed.instance for placed in placed_laws)])
+    return "_".join([model.rpartition(".")[2], *(p.instance for p in placed_laws if not p.is_twin)])
 
 
 def _edited_source(
     sources: Sequence[Path], model: str, flat: FlatModel, placed_laws: Sequence[PlacedLaw], title: str
 ) -> tuple[str, str, str]:
-    """Return the text with laws outside of replaceable models, and the text before with its name, for the diff."""
+    """Return the text with laws, and the text before with its name, for the diff."""
     known = read_sources(sources, flat)
     found = known.find(model)
     target = with_laws_written(known, found, flat, placed_laws, title)

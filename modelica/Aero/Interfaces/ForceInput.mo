@@ -1,0 +1,2 @@
+within Aero.Interfaces;
+connector ForceInput = input Real(unit = "N") "Thrust of a propeller, given to what carries it";
