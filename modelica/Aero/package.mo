@@ -5,11 +5,11 @@ package Aero "Twin-rotor bench (Quanser AERO): DC motors, propellers and a pitch
     Documentation(info = "<html>
 <p>An acausal model library of the Quanser AERO, a bench with two propellers on a pivoted body. It follows the
 multi-domain model of the paper <i>Parameter Optimization and Model Validation of Quanser AERO using Modelica and
-RaPIId</i> (Eqs. 1 to 5) and needs no other library.</p>
+RaPIId</i> (Eqs. 1 to 5) and its models need no other library.</p>
 <ul>
 <li><b>Interfaces</b>: connectors, and the partial models of the propeller's laws.</li>
 <li><b>Electrical</b>, <b>Mechanical</b>, <b>Aerodynamics</b>: the components.</li>
-<li><b>Effects</b>: laws of the AERO alone; the others that its models may lack are in the package <code>Laws</code>.</li>
+<li><b>Effects</b>: laws of the AERO alone, which extend those of <code>Laws.Interfaces</code>; the others that its models may lack are in the package <code>Laws</code>.</li>
 <li><b>Systems</b>: assembled benches with input <code>V_m</code> and outputs <code>i_m</code>, <code>omega_m</code>, <code>theta</code>, and one free in pitch and yaw.</li>
 <li><b>Experiments</b>: ready-to-run set-ups.</li>
 </ul>

@@ -62,7 +62,6 @@ class EffectJson(JsonTable):
     alternatives: list[Alternative] = []
     modelica: str = ""
     summary: str = ""
-    widths: dict[str, JsonNumber] = {}
     over: str = ""
     looks_like: str = ""
     curve: CurveJson | None = None
