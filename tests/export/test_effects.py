@@ -84,7 +84,7 @@ def with_effects(x: dict[str, float], v: float, on: dict[str, float]) -> tuple[d
     torque += e["gravity_offset"] * cos(theta) - e["pivot_coulomb_friction"] * tanh(rate / 2e-5)
     bend = x[own("pivot_presliding_friction", "z")]
     torque -= e["pivot_presliding_friction"] * bend
-    rates[own("pivot_presliding_friction", "z")] = (rate - sqrt(rate**2 + 1e-4**2) * bend) / 1e-3
+    rates[own("pivot_presliding_friction", "z")] = (rate - sqrt(rate**2 + 5e-5**2) * bend) / 6e-4
     torque -= e["body_quadratic_drag"] * rate * abs(rate) + e["cubic_stiffness"] * theta**3
     rates["body.theta"] = rate
     rates["body.omega"] = (torque - p["D_p"] * rate - p["K_sp"] * theta) / p["J_p"]

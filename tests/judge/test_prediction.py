@@ -2,21 +2,18 @@
 
 import math
 import re
-from types import SimpleNamespace
 
 import pytest
 from facts import facts
 
 from aero_bayes.estimate.error_sentences import error_change, left_over
+from aero_bayes.estimate.residual_tests import RecordingError, Verdict
 
 pytestmark = pytest.mark.fast
 
 
-def error(recording: str, output: str, before: float, after: float, verdict: str = "noise") -> SimpleNamespace:
-    return SimpleNamespace(
-        recording=recording, role="test", output=output, before=before, after=after, begin=None, end=None,
-        verdict=verdict, noise_known=True, ratio=after / 0.1 if math.isfinite(after) else None,
-    )  # fmt: skip
+def error(recording: str, output: str, before: float, after: float, verdict: Verdict = "noise") -> RecordingError:
+    return RecordingError(recording, "test", output, before, after, 0.1, True, after / 0.1, math.nan, verdict)
 
 
 def test_an_output_that_gets_worse_is_told_beside_the_one_that_gains_most() -> None:
