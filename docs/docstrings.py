@@ -14,7 +14,7 @@ SECTIONS = ("Parameters", "Returns", "Raises", "Notes", "Examples")
 #: Public beside ``aero_bayes.__all__``: what a model of one's own needs.
 FURTHER = (
     "data.Layout", "data.write_csv", "estimate.CalibrationSettings", "estimate.parameters_from_model",
-    "report.plots.palette",
+    "figures.Picture", "report.plots.palette",
 )  # fmt: skip
 #: Classes that a user only makes; their members serve fits.
 ONLY_MADE = ("LogNormal", "LogUniform", "Normal", "Uniform")

@@ -20,7 +20,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from matplotlib.figure import Figure
 from scipy.optimize import Bounds, minimize
 
 from aero_bayes.arrays import FloatArray
@@ -32,8 +31,12 @@ from aero_bayes.estimate.parameters import ParameterSpec, parameters_from_model
 from aero_bayes.estimate.priors import LogNormal
 from aero_bayes.estimate.result import Fit
 from aero_bayes.estimate.swarm import SwarmSettings, minimise
+from aero_bayes.figures import Picture
 from aero_bayes.files import one_run_at_a_time
 from aero_bayes.modelica.compilers import export_fmu
+from aero_bayes.report.drawing import Line, Panel
+from aero_bayes.report.plots import panels_picture
+from aero_bayes.report.svg import MEASURED, SERIES
 from aero_bayes.simulation.engines import open_simulator
 from aero_bayes.simulation.interface import Outcome, ParameterTarget, Problem, SolverSettings
 from aero_bayes.simulation.model import Model
@@ -242,19 +245,16 @@ def number(value: float | None, digits: int) -> str:
     return "-" if value is None else f"{value:.{digits}g}"
 
 
-def figure_6(recording: Recording, rows: Sequence[Row]) -> Figure:
+def figure_6(recording: Recording, rows: Sequence[Row]) -> Picture:
     """Draw the pitch as measured and as given by each model; one that leaves the frame is cut off by it."""
-    figure = Figure(figsize=(8.0, 4.0))
-    axes = figure.add_subplot(xlabel="time (s)", ylabel="theta: pitch (rad)")
     measured = recording.outputs["theta"]
-    axes.plot(recording.time, measured, color="0.7", linewidth=3.0, label="measured")
     shown = {row.model: row.pitch for row in rows if row.variant == PAPER} | {"Joint fit": rows[-1].pitch}
-    for label, pitch in shown.items():
-        axes.plot(recording.time, pitch, label=label)
+    curves = [Line(recording.time, measured, MEASURED, 3.0)]
+    curves += [Line(recording.time, pitch, colour) for colour, pitch in zip(SERIES, shown.values(), strict=False)]
     low, span = float(np.nanmin(measured)), float(np.ptp(measured))
-    axes.set_ylim(low - 1.2 * span, low + 2.2 * span)
-    axes.legend()
-    return figure
+    panel = Panel("theta: pitch (rad)", tuple(curves), 300, y_limits=(low - 1.2 * span, low + 2.2 * span))
+    labels = [(MEASURED, "measured"), *zip(SERIES, shown, strict=False)]
+    return panels_picture([panel], labels, "", dark=False)
 
 
 def main() -> None:
@@ -266,7 +266,7 @@ def main() -> None:
     with one_run_at_a_time(options.out):
         recording = paper_recording(options.seed)
         rows = replay_paper(recording, seed=options.seed, workers=options.workers, out=options.out)
-        figure_6(recording, rows).savefig(options.out / "figure_6.svg")
+        figure_6(recording, rows).save(options.out / "figure_6.svg")
         table = options.out / "replay.md"
         table.write_text("\n".join([*table_lines(rows), "", *NOTES]) + "\n", "utf-8")
     print(f"wrote {table}")

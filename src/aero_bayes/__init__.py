@@ -118,7 +118,7 @@ def _import_drawers(name: str) -> None:
     if name == "result_page":
         from aero_bayes import library  # noqa: F401
     else:
-        from aero_bayes.report import pairs, plots  # noqa: F401
+        from aero_bayes.report import plots  # noqa: F401
 
 
 IMPORTERS.append(_import_drawers)

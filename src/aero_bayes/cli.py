@@ -305,7 +305,7 @@ def report_command(directory: Path) -> None:
 @click.argument("directories", type=FOLDER, nargs=-1, required=True, metavar="DIR DIR [DIR ...]")
 @click.option("--out", type=FILE, default=Path(), help="Folder for compare.html, or the page.  [default: this folder]")
 def compare_command(directories: tuple[Path, ...], out: Path) -> None:
-    """Compare finished runs on one page: parameters, residuals, different settings."""
+    """Compare finished runs in one table: parameters, errors, different settings."""
     from aero_bayes.report.compare import write_comparison
 
     page = out if out.suffix == ".html" else out / "compare.html"
@@ -330,19 +330,19 @@ def check_command(recordings: tuple[Path, ...], data: tuple[Path, ...], model: s
 @main.command("fleet")
 @click.option("--config", type=FILE, required=True, help="TOML file with [fleet] and the rigs.")
 @click.option("--out", type=FOLDER, required=True, help="Folder for rigs/, rigs.sqlite, fleet.json, report.html.")
-@click.option("--dask", metavar="ADDRESS", help="Dask scheduler, its file, or local.  [default: all cores here]")
+@click.option("--dask", metavar="ADDRESS", help="Dask scheduler, its file, or local.  [default: no Dask]")
 @click.option("--seed", type=click.IntRange(min=0), default=1, show_default=True, help="Same seed, same result.")
 @click.option("--workers", type=click.IntRange(min=1), help="Rigs at a time on this machine.  [default: one per core]")
 @click.option("--quiet", is_flag=True, help="No progress bar.")
 def fleet_command(config: Path, out: Path, dask: str | None, seed: int, workers: int | None, quiet: bool) -> None:
     """Fit many rigs of one model and compare them. Rigs that were fitted before are not fitted again."""
     from aero_bayes.commands.fleet import fleet, read_fleet
-    from aero_bayes.commands.fleet_runner import open_executor
+    from aero_bayes.commands.fleet_runner import open_client
     from aero_bayes.files import one_run_at_a_time
     from aero_bayes.progress import ProgressBar
 
     total, done = len(read_fleet(config).rigs), 0
-    with one_run_at_a_time(out), open_executor(dask, workers) as executor, ProgressBar(quiet) as bar:
+    with one_run_at_a_time(out), open_client(dask, workers) as client, ProgressBar(quiet) as bar:
 
         def progress(count: int) -> None:
             nonlocal done
@@ -351,7 +351,7 @@ def fleet_command(config: Path, out: Path, dask: str | None, seed: int, workers:
 
         progress(0)
         try:
-            result = fleet(config, out, seed=seed, executor=executor, progress=progress)
+            result = fleet(config, out, seed=seed, client=client, workers=workers, progress=progress)
         except KeyboardInterrupt:
             raise KeyboardInterrupt(f"run the same command again to continue from {out / 'rigs.sqlite'}") from None
     click.echo(result.verdict.text.replace("`", "") if result.verdict else "")

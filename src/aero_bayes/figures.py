@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
-import inspect
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import Any, TypeVar
 
+from aero_bayes.errors import InputError
 from aero_bayes.files import write_whole
 
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-
-Method = TypeVar("Method", bound=Callable[..., object])
 Drawer = TypeVar("Drawer", bound=Callable[..., object])
 
 #: What draws a figure or a page, by its name; and what is called with a name to import it, by the package.
@@ -64,30 +60,42 @@ class HasPage:
         return write_whole(path, page_of(self))
 
 
-def drawn(name: str, *what: Any, figure: Figure | Axes | None, dark: bool) -> Figure:
-    """Draw the figure of a name into a figure, or in the place of axes; into a new figure by default."""
-    found: Figure = _drawer(name)(*what, figure=figure, dark=dark)
+@dataclass(frozen=True, eq=False)
+class Picture:
+    """A figure of the page by itself. Notebooks show it; :meth:`save` writes it.
+
+    Parameters
+    ----------
+    svg : str
+        The drawing, a whole SVG file.
+    panels : tuple
+        What is drawn over time: each panel has a title, and layers with their x and y.
+
+    Examples
+    --------
+    >>> picture = fit.plot()
+    >>> picture.save("fit.svg").name
+    'fit.svg'
+    >>> picture.panels[-1].title
+    'residual of position: measured minus model (mm)'
+    """
+
+    svg: str
+    panels: tuple[Any, ...] = ()
+
+    def save(self, path: Path | str) -> Path:
+        """Write the SVG file; its folder is made where it is not there."""
+        path = Path(path)
+        if path.suffix.lower() != ".svg":
+            raise InputError(f"{path}: a figure is written as SVG, expected a name that ends in .svg")
+        path.parent.mkdir(parents=True, exist_ok=True)
+        return write_whole(path, self.svg)
+
+    def _repr_svg_(self) -> str:
+        return self.svg
+
+
+def drawn(name: str, *what: Any, dark: bool) -> Picture:
+    """Draw the figure of a name."""
+    found: Picture = _drawer(name)(*what, dark=dark)
     return found
-
-
-_FIGURE_PARAMETERS = """ax : matplotlib.axes.Axes, optional
-    Axes whose place in a larger figure it takes.
-figure : matplotlib.figure.Figure, optional
-    To draw into; a new one by default.
-dark : bool
-    Colours for a dark background.
-"""
-
-
-def describe_figure_parameters(method: Method) -> Method:
-    """Add to a method's docstring the parameters that each figure takes, and the figure that it returns."""
-    title, blank, rest = inspect.cleandoc(method.__doc__ or "").partition("\n\n")
-    heads = ("Parameters\n-", "Returns\n-", "Raises\n-", "Examples\n-")
-    sections = rest.split("\n\n") if blank else []
-    at = next((k for k, s in enumerate(sections) if s.startswith(heads)), len(sections))
-    text, sections = [title, *sections[:at]], sections[at:]
-    own = sections.pop(0) if sections and sections[0].startswith("Parameters") else "Parameters\n----------"
-    if not sections or not sections[0].startswith("Returns"):
-        sections.insert(0, "Returns\n-------\nmatplotlib.figure.Figure")
-    method.__doc__ = "\n\n".join([*text, f"{own}\n{_FIGURE_PARAMETERS.rstrip()}", *sections])
-    return method

@@ -87,7 +87,7 @@ def result_page(found: Result | RunDirectory) -> str:
 
 
 def compare(*found: Result | str | Path, path: str | Path = "compare.html") -> Path:
-    """Write a page that sets results side by side: parameters, residuals, settings that differ.
+    """Write a page that sets results side by side in a table: parameters, errors, settings that differ.
 
     Parameters
     ----------

@@ -7,17 +7,14 @@ where it was.
 from __future__ import annotations
 
 import json
-import multiprocessing
 import subprocess
-import threading
 import time
 from argparse import Namespace
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor, as_completed
-from concurrent.futures.process import BrokenProcessPool
+from contextlib import closing
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +22,7 @@ import numpy as np
 from tqdm import tqdm
 
 from aero_bayes.files import write_whole
+from aero_bayes.parallel import Lost, results
 
 Row = dict[str, Any]
 #: Tasks by keys that no two share; a task can be pickled.
@@ -81,36 +79,22 @@ def run(study: Study, options: Namespace) -> Row:
 def worked(attempt: Callable[[Any], Row], tasks: Tasks, workers: int, end: float) -> Iterator[Row]:
     """Yield the row of each task as it comes, and begin none after ``end``; with no workers, in this process.
 
-    Each worker is a pool of its own: a task whose process dies takes no other one with it, and its row says so.
+    A task whose process dies takes no other one with it, and its row says so.
     """
     if not workers:
-        yield from (row_of(attempt, key, task) for key, task in tasks.items() if time.monotonic() < end)
+        yield from (row_of(attempt, one) for one in tasks.items() if time.monotonic() < end)
         return
-    own = threading.local()
-
-    def one(key: str) -> Row | None:
-        if time.monotonic() >= end:
-            return None
-        if not hasattr(own, "pool"):
-            own.pool = ProcessPoolExecutor(1, multiprocessing.get_context("spawn"), max_tasks_per_child=50)
-        try:
-            row: Row = own.pool.submit(row_of, attempt, key, tasks[key]).result()
-        except BrokenProcessPool:
-            del own.pool
-            row = {"key": key, "error": "its process died", "seconds": 0.0, "code": code()}
-        return row
-
-    threads = ThreadPoolExecutor(workers)
-    try:
-        for future in as_completed([threads.submit(one, key) for key in tasks]):
-            if (row := future.result()) is not None:
-                yield row
-    finally:
-        threads.shutdown(wait=False, cancel_futures=True)
+    with closing(
+        results(partial(row_of, attempt), tasks.items(), workers, late=lambda: time.monotonic() >= end)
+    ) as rows:
+        for (key, _), row in rows:
+            died = {"key": key, "error": "its process died", "seconds": 0.0, "code": code()}
+            yield died if isinstance(row, Lost) else row
 
 
-def row_of(attempt: Callable[[Any], Row], key: str, task: Any) -> Row:
-    """Make the row of a task; what is raised becomes a row with ``error``."""
+def row_of(attempt: Callable[[Any], Row], one: tuple[str, Any]) -> Row:
+    """Make the row of a key and its task; what is raised becomes a row with ``error``."""
+    key, task = one
     began = time.perf_counter()
     try:
         row = attempt(task)

@@ -118,7 +118,7 @@ def test_the_library_page_runs(cart: Path):
     script = "".join(blocks("docs/howto/python.md", "python"))
     done = subprocess.run([sys.executable, "-c", script], cwd=cart, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
-    assert (cart / "loop.png").is_file()
+    assert (cart / "loop.svg").is_file()
 
 
 def test_what_the_pages_import_can_be_imported():

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import os
 import time
-from concurrent.futures import Executor, Future
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from aero_bayes.commands.fleet_runner import Table, open_executor, run_tasks
+from aero_bayes.commands.fleet_runner import Table, run_tasks
 
 
 @dataclass(frozen=True)
@@ -61,22 +60,13 @@ def mark_and_sleep(task: Count) -> dict[str, Any]:
     return {"key": task.key}
 
 
-class Here(Executor):
-    """An executor that works on a task when it is given, in this process."""
-
-    def submit(self, fn, /, *args, **kwargs):
-        future: Future = Future()
-        future.set_result(fn(*args, **kwargs))
-        return future
-
-
 def killed_with_a_pool(folder: str) -> None:
     """What a caller of a pool does that the test kills."""
-    with Table(Path(folder) / "rows.sqlite") as rows, open_executor(workers=2) as executor:
-        run_tasks([Count(k, Path(folder) / "marks") for k in range(4)], mark_and_sleep, rows, executor)
+    with Table(Path(folder) / "rows.sqlite") as rows:
+        run_tasks([Count(k, Path(folder) / "marks") for k in range(4)], mark_and_sleep, rows, workers=2)
 
 
 def killed_half_way(folder: str) -> None:
     """What a caller does that the test kills."""
     with Table(Path(folder) / "rows.sqlite") as rows:
-        run_tasks([Count(k, Path(folder) / "marks", 0.02) for k in range(60)], plain, rows, Here())
+        run_tasks([Count(k, Path(folder) / "marks", 0.02) for k in range(60)], plain, rows, workers=1)

@@ -13,9 +13,9 @@ from pathlib import Path
 
 import pytest
 from facts import facts
-from fleets.fleet_tasks import Count, Here, one_always_dies, plain, work
+from fleets.fleet_tasks import Count, one_always_dies, plain, work
 
-from aero_bayes.commands.fleet_runner import Table, open_executor, run_tasks
+from aero_bayes.commands.fleet_runner import Table, open_client, run_tasks
 from aero_bayes.errors import InputError
 
 pytestmark = pytest.mark.long
@@ -28,7 +28,7 @@ def tasks(folder: Path, count: int) -> list[Count]:
 
 def expected(folder: Path, count: int) -> str:
     with Table(folder / "expected.sqlite") as table:
-        run_tasks(tasks(folder / "none", count), plain, table, Here())
+        run_tasks(tasks(folder / "none", count), plain, table, workers=1)
         assert len(list(table.rows())) == count
         return table.digest()
 
@@ -37,15 +37,15 @@ def expected(folder: Path, count: int) -> str:
 def test_workers_that_die_change_nothing(tmp_path: Path, dask: str | None) -> None:
     if dask:
         pytest.importorskip("distributed")
-    with open_executor(dask, 2) as executor, Table(tmp_path / "rows.sqlite") as table:
-        run_tasks(tasks(tmp_path / "marks", 8), work, table, executor)
+    with open_client(dask, 2) as client, Table(tmp_path / "rows.sqlite") as table:
+        run_tasks(tasks(tmp_path / "marks", 8), work, table, client=client, workers=2)
         assert table.digest() == expected(tmp_path, 8)
         assert rows_of(table)["0006"] == {"key": "0006", "error": "ValueError: this one cannot be"}
 
 
 def test_a_task_that_kills_every_worker_is_a_row_that_says_so(tmp_path: Path) -> None:
-    with open_executor(None, 2) as executor, Table(tmp_path / "rows.sqlite") as table:
-        run_tasks([Count(k, tmp_path, 0.3) for k in range(4)], one_always_dies, table, executor)
+    with Table(tmp_path / "rows.sqlite") as table:
+        run_tasks([Count(k, tmp_path, 0.3) for k in range(4)], one_always_dies, table, workers=2)
         rows = {key: row.get("error", "") for key, row in rows_of(table).items()}
     assert re.search(facts("worker", "3"), rows.pop("0001"))
     assert set(rows.values()) == {""}
@@ -71,11 +71,11 @@ def test_a_caller_that_is_killed_goes_on_where_it_was(tmp_path: Path) -> None:
             process.send_signal(signal.SIGKILL)
     done = rows_in(path)
     assert 15 <= done < count
-    again = []
+    (marks := tmp_path / "marks").mkdir()
     with Table(path) as table:
-        run_tasks(tasks(tmp_path / "marks", count), lambda task: again.append(task) or plain(task), table, Here())
+        run_tasks(tasks(marks, count), work, table, workers=2)
         assert table.digest() == expected(tmp_path, count)
-    assert len(again) == count - done
+    assert len(list(marks.iterdir())) == count - done
 
 
 @pytest.mark.parametrize("sent", [signal.SIGKILL, signal.SIGINT])
@@ -118,7 +118,7 @@ def test_a_row_made_of_something_else_is_made_anew(tmp_path: Path) -> None:
     with Table(tmp_path / "rows.sqlite") as table:
         table.put({"key": "0000", "value": 7.0}, {}, "old")
         table.put({"key": "0001", "value": 7.0}, {}, "new")
-        run_tasks([Count(k, tmp_path, made_of="new") for k in range(2)], plain, table, Here())
+        run_tasks([Count(k, tmp_path, made_of="new") for k in range(2)], plain, table, workers=1)
         rows = rows_of(table)
         assert rows["0000"]["value"] != 7.0
         assert rows["0001"]["value"] == 7.0
@@ -135,5 +135,5 @@ def test_a_file_that_is_no_table_is_refused(tmp_path: Path) -> None:
 def test_nobody_at_the_address_is_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("distributed")
     monkeypatch.setattr(import_module("aero_bayes.commands.fleet_runner"), "CONNECT_TIMEOUT", 0.3)
-    with pytest.raises(InputError, match="no Dask scheduler"), open_executor("tcp://127.0.0.1:9"):
+    with pytest.raises(InputError, match="no Dask scheduler"), open_client("tcp://127.0.0.1:9"):
         pass

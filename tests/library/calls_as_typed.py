@@ -2,7 +2,6 @@
 
 from pathlib import Path
 
-import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
 
@@ -57,13 +56,11 @@ loop = aero_bayes.close_loop(train, test, model=model, settings=settings, worker
 print(loop.sentence, loop["F_c"].value, float(loop["k"]), loop.to_frame())
 loop.export_fmu(Path("loop.fmu"))
 loop.calibrated.write(Path("loop"))
-figure, places = plt.subplots(4, 2, figsize=(16, 20), layout="constrained")
-train.plot(ax=places[0, 0])
-fit.plot(ax=places[0, 1])
-posterior.plot(["k", "d"], ax=places[1, 0])
-posterior.plot_bands(ax=places[1, 1])
-unseen.plot(ax=places[2, 0])
-loop.plot(ax=places[2, 1])
-loop.plot_rounds(ax=places[3, 0])
-figure.savefig("all.png")
+train.plot().save("train.svg")
+fit.plot(dark=True).save(Path("fit.svg"))
+posterior.plot(["k", "d"]).save("pairs.svg")
+posterior.plot_bands().save("bands.svg")
+unseen.plot().save("unseen.svg")
+loop.plot().save("loop.svg")
+loop.plot_rounds().save("rounds.svg")
 again = aero_bayes.close_loop(fit, test, settings=LoopSettings(laws=["coulomb_friction", "gain"]), workers=0)

@@ -45,7 +45,7 @@ def test_a_notebook_runs(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPa
     outputs = [output for cell in book.cells for output in cell.get("outputs", [])]
     assert (FINDS | FINDS_LONG)[name] in "".join(text(output) for output in outputs)
     for cell in book.cells:
-        pictures = ["image/png" in output.get("data", {}) for output in cell.get("outputs", [])]
+        pictures = ["image/svg+xml" in output.get("data", {}) for output in cell.get("outputs", [])]
         assert sum(pictures) == (".plot" in cell.source.strip().splitlines()[-1]), cell.source
 
 

@@ -96,6 +96,7 @@ def test_page_is_silent_and_asks_for_nothing(browser: Browser, page: Path, width
     assert (brightness < 128) == dark
 
 
+@pytest.mark.parametrize("page", ["loop", "posterior"], indirect=True)
 @pytest.mark.parametrize("scripts", [True, False], ids=["with scripts", "without"])
 def test_every_figure_is_visible(browser: Browser, page: Path, scripts: bool) -> None:
     hidden = """[...document.querySelectorAll('figure')].filter(figure => !figure.closest('details') &&
@@ -112,6 +113,7 @@ def test_every_figure_is_visible(browser: Browser, page: Path, scripts: bool) ->
         browser.tab("Emulation.setScriptExecutionDisabled", value=False)
 
 
+@pytest.mark.parametrize("page", ["loop", "posterior"], indirect=True)
 def test_text_in_figures_stays_readable_on_a_phone(browser: Browser, page: Path) -> None:
     smallest = """Math.min(...[...document.querySelectorAll('figure .plot')].filter(svg =>
                   svg.getBoundingClientRect().width > 0).map(svg => 11.5 * svg.getScreenCTM().a))"""

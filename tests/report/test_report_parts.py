@@ -291,7 +291,7 @@ def test_drawings_escape_words_and_set_subscripts() -> None:
 def test_panels_put_values_where_the_axis_says() -> None:
     x = np.array([0.0, 10.0])
     panel = Panel("p (V)", (Line(x, np.array([-1.0, 1.0]), "accent"),), height=100, y_limits=(-1, 1))
-    svg = draw([panel], "words", "x")
+    svg = draw([panel], "words", "x").svg()
     (curve,) = drawn_points(svg)
     assert curve.tolist() == [[0, 100], [1000, 0]]  # within the panel, from its left foot to its right top
     top = float(re.findall(r'<svg y="([\d.]+)" height="100" viewBox="0 0 1000 100"', svg)[0])
@@ -362,7 +362,7 @@ def test_the_middle_of_an_even_range_is_zero_in_a_table() -> None:
 def test_a_panel_tells_the_script_where_its_data_are() -> None:
     x = np.linspace(0, 1, 9)
     series: dict[str, np.ndarray] = {}
-    svg = draw([Panel("y", (Line(x, 2 * x, "accent", label="left"),))], "words", "x", series)
+    svg = draw([Panel("y", (Line(x, 2 * x, "accent", label="left"),))], "words", "x", series).svg()
     axes, line = (json.loads(unescape(text)) for text in re.findall(r'data-spec="([^"]*)"', svg))
     assert axes["x"] == [0, 1]
     assert (line["k"], line["n"]) == ("line", "left")

@@ -21,8 +21,6 @@ from aero_bayes.modelica.syntax import Array, Call, Expression, arguments_of, sh
 from aero_bayes.report.results import versions
 from aero_bayes.report.schema_estimate import ComponentJson, ConnectionJson, DiagramJson, ShapeJson
 
-_HALF = 10.0
-_STEP_ACROSS, _STEP_DOWN = 55.0, 34.0
 _SCALARS = {"Real", "Integer", "Boolean", "String"}
 
 #: First and second part, points of the line, and whether only a value is handed on.
@@ -31,9 +29,10 @@ _Terminal = Literal["", "input", "output", "connector"]
 
 
 def model_diagrams(
-    name: str, files: Iterable[Path] = (), extended: str = "", ports: Sequence[str] = ()
+    name: str, files: Iterable[Path], extended: str = "", ports: Sequence[str] = ()
 ) -> list[DiagramJson]:
-    """Return the model's diagram, then one for each component within which an effect was added; none of equations."""
+    """Return the diagrams that show the place of an effect, as the model's authors drew them: that of the model, then
+    one for each component within which the effect was added."""
     library = read_library(files)
     if name not in library:
         return []
@@ -42,38 +41,26 @@ def model_diagrams(
     return _of_tree(shown, base, name.rpartition(".")[2], ports) if any(shown.inside) else []
 
 
-def _of_tree(shown: ComponentTree, base: ComponentTree | None, title: str, ports: Sequence[str]) -> list[DiagramJson]:
-    changed = [
-        part for part, tree in shown.inside.items() if base is not None and not tree.same_as(base.inside.get(part))
-    ]
+def _of_tree(shown: ComponentTree, base: ComponentTree, title: str, ports: Sequence[str]) -> list[DiagramJson]:
+    changed = [part for part, tree in shown.inside.items() if not tree.same_as(base.inside.get(part))]
     visible = {name: part for name, part in shown.parts.items() if _is_visible(part, name in shown.inside)}
-    marked = changed or [name for name in visible if {name, f"output_{name}"} & {*ports}]
-    places = {name: _placement(part) for name, part in visible.items()}
-    drawn = sum(place is not None for place in places.values()) > len(places) / 2
-    if drawn:  # what its authors did not place is not part of their picture
-        visible = {name: part for name, part in visible.items() if places[name] is not None or name in marked}
-    links = _links(shown, visible)
-    laid = {} if drawn else _layers(visible, links)
-    extents = {
-        name: (drawn and places[name]) or (laid.get(name, (-_HALF, -_HALF, _HALF, _HALF)), 0.0) for name in visible
-    }
+    placed = {name: place for name, part in visible.items() if (place := _placement(part)) is not None}
+    marked = changed or [name for name in placed if {name, f"output_{name}"} & {*ports}]
     components = [
         ComponentJson(
-            name=name, type=tree.name if (tree := shown.inside.get(name)) else part.type,
-            description=part.description or (tree.description if tree else ""), extent=extents[name][0],
-            rotation=extents[name][1], shapes=_shapes(tree.icon if tree else []), marked=name in marked,
-            terminal=_terminal(part) or ("" if tree else "connector"),
+            name=name, type=tree.name if (tree := shown.inside.get(name)) else visible[name].type,
+            description=visible[name].description or (tree.description if tree else ""), extent=extent,
+            rotation=turned, shapes=_shapes(tree.icon if tree else []), marked=name in marked,
+            terminal=_terminal(visible[name]) or ("" if tree else "connector"),
         )
-        for name, part in visible.items()
+        for name, (extent, turned) in placed.items()
     ]  # fmt: skip
-    connections = [
-        ConnectionJson(first=a, second=b, points=points if drawn else [], signal=signal)
-        for a, b, points, signal in links
-    ]
-    found = [DiagramJson(title=title, drawn=drawn, components=components, connections=connections)]
+    links = _links(shown, {name: visible[name] for name in placed})
+    connections = [ConnectionJson(first=a, second=b, points=points, signal=signal) for a, b, points, signal in links]
+    found = [DiagramJson(title=title, components=components, connections=connections)] if {*marked} & {*placed} else []
     within: dict[str, ComponentTree] = {}
     for name in changed:
-        before = base.inside.get(name) if base is not None else None
+        before = base.inside.get(name)
         if before is not None and before.name == shown.inside[name].name and shown.inside[name].name not in within:
             within[shown.inside[name].name] = shown.inside[name]
             found += _of_tree(shown.inside[name], before, f"within {name}", ports)
@@ -140,41 +127,6 @@ def _used(part: ComponentDeclaration) -> list[str]:
     return list(dict.fromkeys(t.word for dot, t, after in around if t.kind == "name" and after != "=" and dot != "."))
 
 
-def _layers(
-    visible: Mapping[str, ComponentDeclaration], links: Sequence[_Link]
-) -> dict[str, tuple[float, float, float, float]]:
-    """Return columns by distance from the inputs, outputs last; each column centred."""
-    near: dict[str, set[str]] = {name: set() for name in visible}
-    for first, second, _, _ in links:
-        near[first].add(second)
-        near[second].add(first)
-    level: dict[str, int] = {}
-    front = [name for name in visible if _terminal(visible[name]) == "input"] or list(visible)[:1]
-    while front or len(level) < len(visible):
-        front = front or [next(name for name in visible if name not in level)]
-        depth = max(level.values(), default=-1) + 1
-        level |= dict.fromkeys(front, depth)
-        front = [
-            other
-            for other in dict.fromkeys(o for name in front for o in visible if o in near[name])
-            if other not in level and _terminal(visible[other]) != "output"
-        ]
-        if not front and all(name in level or _terminal(visible[name]) == "output" for name in visible):
-            level |= {name: depth + 1 for name in visible if name not in level}
-    return _grid([[name for name in level if level[name] == k] for k in range(max(level.values(), default=0) + 1)])
-
-
-def _grid(columns: Sequence[Sequence[str]]) -> dict[str, tuple[float, float, float, float]]:
-    """Return extents of names in columns, each centred."""
-    left = -0.5 * _STEP_ACROSS * (len(columns) - 1)
-    return {
-        name: (x - _HALF, y - _HALF, x + _HALF, y + _HALF)
-        for k, names in enumerate(columns)
-        for row, name in enumerate(names)
-        for x, y in [(left + k * _STEP_ACROSS, _STEP_DOWN * (0.5 * (len(names) - 1) - row))]
-    }
-
-
 def _shapes(graphics: Sequence[Expression]) -> list[ShapeJson]:
     """Return icons without their colours, text and gradients."""
     found = []
@@ -224,16 +176,16 @@ def context_part(job: Job, result: Mapping[str, Any]) -> Json:
     }
 
 
-def _diagrams(job: Job, loop: Mapping[str, Any]) -> list[Any]:
-    files: list[Any] = []
-    if job.modelica:
-        written = [job.options.out / effect["modelica"] for effect in loop.get("effects", []) if effect.get("modelica")]
-        files += modelica_files([modelica_root(), *job.config.model.sources, *dict.fromkeys(written)])
-    ports = [str(effect["id"]).partition("@")[2] or str(effect["port"]) for effect in loop.get("effects", [])]
+def _diagrams(job: Job, loop: Mapping[str, Any]) -> list[DiagramJson]:
+    effects = loop.get("effects", [])
+    if not (job.modelica and effects):
+        return []
+    written = [job.options.out / effect["modelica"] for effect in effects if effect.get("modelica")]
+    files = modelica_files([modelica_root(), *job.config.model.sources, *dict.fromkeys(written)])
+    ports = [str(effect["id"]).partition("@")[2] or str(effect["port"]) for effect in effects]
     # what acts between two names is marked at both
     ports = [name for port in ports for name in port.split("-")]
-    base = str(loop.get("base") or job.name)
-    return model_diagrams(base, files, extended=str(loop.get("model", "")), ports=ports)
+    return model_diagrams(str(loop.get("base") or job.name), files, str(loop.get("model", "")), ports)
 
 
 @contextmanager

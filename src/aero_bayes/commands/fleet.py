@@ -9,7 +9,6 @@ import re
 import tomllib
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import Executor
 from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import dataclass, field, replace
 from itertools import chain, islice
@@ -19,7 +18,7 @@ from typing import Any, Literal
 import numpy as np
 
 from aero_bayes.commands.commands import run_all, run_close_loop, run_fit
-from aero_bayes.commands.fleet_runner import Progress, Row, Table, failure, open_executor, run_tasks
+from aero_bayes.commands.fleet_runner import Progress, Row, Table, failure, run_tasks
 from aero_bayes.commands.fleet_summary import summarise_fleet
 from aero_bayes.commands.job import RunOptions, fit_parameters, which_model
 from aero_bayes.config import Config, Section, read_toml, resolve_paths, validated
@@ -295,7 +294,8 @@ def fleet(
     settings: dict[str, Any] | None = None,
     work: Work = "fit",
     seed: int = 1,
-    executor: Executor | None = None,
+    client: Any = None,
+    workers: int | None = None,
     progress: Progress = lambda count: None,
 ) -> FleetJson:
     """Fit many rigs and summarise them.
@@ -311,9 +311,11 @@ def fleet(
     work : {"fit", "posterior", "loop", "all"}
     seed : int
         Every rig draws its own from this and its name.
-    executor : concurrent.futures.Executor, optional
-        Works on rigs, one task each, such as ``distributed.Client.get_executor()``; all cores by default. Workers must
-        see recordings and ``out`` under the same paths.
+    client : distributed.Client, optional
+        Its workers fit the rigs, one at a time each; they must see recordings and ``out`` under the same paths. Without
+        it processes of this machine do.
+    workers : int, optional
+        How many of these; by default one for each core.
     progress : callable, optional
         Told how many rigs are done, one or more at a time.
 
@@ -332,9 +334,6 @@ def fleet(
     >>> rigs = [Rig(f"A{k:02}", (Path(f"A{k:02}.csv"),)) for k in range(20)]  # doctest: +SKIP
     >>> fleet(rigs, "out", settings={"model": {"name": "Aero.Systems.HalfQuad"}}).parameters  # doctest: +SKIP
     """
-    if executor is None:
-        with open_executor() as pool:
-            return fleet(rigs, out, settings=settings, work=work, seed=seed, executor=pool, progress=progress)
     if isinstance(rigs, Path | str):
         plan = read_fleet(Path(rigs))
     else:
@@ -343,7 +342,7 @@ def fleet(
     tasks = tasks_of(plan, folder, seed)
     first = list(islice(tasks, 1))  # what is wrong with all rigs shows before anything is written
     with Table(folder / TABLE) as table:
-        run_tasks(chain(first, tasks), attempt, table, executor, progress)
+        run_tasks(chain(first, tasks), attempt, table, client=client, workers=workers, progress=progress)
         table.keep_only({rig.name for rig in plan.rigs})
         result, rows = summarise_fleet(table, work=plan.work, seed=seed, versions=versions())
     write_json(folder / FLEET_RESULT, result.model_dump(by_alias=True))

@@ -1,99 +1,53 @@
-"""The one runner: tasks on any executor, rows written to one SQLite file as they come, nothing done twice."""
+"""The runner of fleets: tasks here or by Dask, rows written to one SQLite file as they come, nothing done twice."""
 
 from __future__ import annotations
 
 import hashlib
 import json
-import multiprocessing
 import os
-import queue
-import signal
 import socket
 import sqlite3
-import threading
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping
-from concurrent.futures import CancelledError, Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
-from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
+from contextlib import closing, contextmanager
 from functools import partial
 from logging import ERROR
 from pathlib import Path
-from typing import Any, ParamSpec, Protocol, Self, TypeVar
+from typing import Any, Protocol, Self, TypeVar
 
 from aero_bayes.errors import CannotFinishError, InputError
-from aero_bayes.simulation.worker_main import watch_parent
+from aero_bayes.parallel import Lost, results
 
-P = ParamSpec("P")
 T = TypeVar("T")
-#: Tasks after which a process of this machine is replaced, so that what leaks cannot grow.
-TASKS_PER_PROCESS = 50
+R = TypeVar("R")
 #: How long a scheduler is looked for, in s.
 CONNECT_TIMEOUT = 20.0
 #: One core is what one task gets: BLAS threads would fight the other tasks.
 ONE_THREAD = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
 
 
-class LocalPool(ThreadPoolExecutor):
-    """Threads of which each has a process of its own: one that dies takes no other task with it."""
-
-    def __init__(self, workers: int) -> None:
-        super().__init__(workers)
-        self._own = threading.local()
-
-    def submit(self, fn: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> Future[T]:
-        """Run a function in the next process that is free."""
-        return super().submit(self._in_process, partial(fn, *args, **kwargs))
-
-    def _in_process(self, work: Callable[[], T]) -> T:
-        process = getattr(self._own, "process", None)
-        if process is None:
-            context = multiprocessing.get_context("spawn")
-            process = ProcessPoolExecutor(1, context, _begin, (os.getpid(),), max_tasks_per_child=TASKS_PER_PROCESS)
-            self._own.process = process
-        try:
-            return process.submit(work).result()
-        except BrokenProcessPool:
-            self._own.process = None
-            raise
-
-
-def _begin(parent: int) -> None:
-    """Have a new process of the pool end when the parent does, however that ends."""
-    # What Ctrl-C sends reaches every process; only the parent has something to say about it.
-    signal.signal(signal.SIGINT, signal.SIG_DFL)
-    threading.Thread(target=watch_parent, args=(parent,), daemon=True).start()
-
-
 @contextmanager
-def open_executor(dask: str | None = None, workers: int | None = None) -> Iterator[Executor]:
-    """Open this machine's cores, or the workers of a running Dask scheduler."""
-    count = workers or len(os.sched_getaffinity(0))
-    if dask is None:
-        for name in ONE_THREAD:
-            os.environ.setdefault(name, "1")
-        with LocalPool(count) as pool:
-            try:
-                yield pool
-            except BaseException:
-                pool.shutdown(wait=False, cancel_futures=True)
-                for process in multiprocessing.active_children():  # in the middle of their tasks
-                    process.terminate()
-                raise
+def open_client(address: str | None, workers: int | None = None) -> Iterator[Any]:
+    """Open the workers of a Dask scheduler: at an address, by its file, or a ``local`` cluster of this machine.
+
+    None gives None."""
+    if address is None:
+        yield None
         return
     try:
         from distributed import Client
     except ImportError:
         raise InputError("--dask needs dask.distributed: pip install 'aero-bayes[fleet]'") from None
-    where: dict[str, Any] = {"scheduler_file": dask} if dask.endswith(".json") else {"address": dask}
-    if dask == "local":
+    where: dict[str, Any] = {"scheduler_file": address} if address.endswith(".json") else {"address": address}
+    if address == "local":
+        count = workers or len(os.sched_getaffinity(0))
         where = {"n_workers": count, "threads_per_worker": 1, "dashboard_address": None, "silence_logs": ERROR}
     try:
         client = Client(**where, timeout=CONNECT_TIMEOUT, set_as_default=False)  # type: ignore[no-untyped-call]
     except (OSError, TimeoutError, ValueError) as error:
-        raise InputError(f"{dask}: no Dask scheduler answers there ({type(error).__name__})") from None
+        raise InputError(f"{address}: no Dask scheduler answers there ({type(error).__name__})") from None
     with client:
-        yield client.get_executor()  # type: ignore[no-untyped-call]
+        yield client
 
 
 Row = dict[str, Any]
@@ -177,55 +131,69 @@ def run_tasks(
     tasks: Iterable[Task],
     attempt: Callable[[Task], Row],
     table: Table,
-    executor: Executor,
+    *,
+    client: Any = None,
+    workers: int | None = None,
     progress: Progress = lambda count: None,
 ) -> None:
-    """Work on all tasks that the table does not hold yet, and write each row as it comes."""
-    ended: queue.SimpleQueue[Future[tuple[Row, Row]]] = queue.SimpleQueue()
-    sent: dict[Future[tuple[Row, Row]], tuple[Task, str, int]] = {}
+    """Work on all tasks that the table does not hold yet, and write each row as it comes.
 
-    def send(task: Task, made_of: str, tries: int = 1) -> None:
-        try:
-            future = executor.submit(_timed, attempt, task)
-        except RuntimeError as error:  # broken, or shut down
-            raise CannotFinishError(f"the workers are gone ({error}); run the same command again to continue") from None
-        sent[future] = task, made_of, tries
-        future.add_done_callback(ended.put)
+    Processes of this machine do it, by default one for each core; or the workers of a Dask client."""
 
-    def receive() -> None:
-        future = ended.get()
-        task, made_of, tries = sent.pop(future)
-        problem = CancelledError() if future.cancelled() else future.exception()
-        if problem is None:
-            row, cost = future.result()
-            table.put(row, cost | {"tries": tries}, made_of)
-        elif tries < MAX_TRIES:
-            send(task, made_of, tries + 1)
-            return
-        else:
-            row = failure(task.key, f"its worker died {tries} times ({type(problem).__name__})")
-            table.put(row, {"tries": tries}, WORKER_DIED)
-        progress(1)
-
-    try:
+    def wanted() -> Iterator[tuple[Task, str]]:
         for task in tasks:
             made_of = task.made_of
             if table.has(task.key, made_of):
                 progress(1)
-                continue
-            send(task, made_of)
-            # What is done is written at once: a caller that is killed while it sends loses nothing that was finished.
-            while len(sent) >= MAX_PENDING_TASKS or not ended.empty():
-                receive()
-        while sent:
-            receive()
+            else:
+                yield task, made_of
+
+    work = partial(_timed, attempt)
+    if client is None:
+        for name in ONE_THREAD:
+            os.environ.setdefault(name, "1")
+        answers = results(work, wanted(), workers or len(os.sched_getaffinity(0)), tries=MAX_TRIES)
+    else:
+        answers = _by_dask(work, wanted(), client)
+    with closing(answers):
+        for (task, made_of), answer in answers:
+            if isinstance(answer, Lost):
+                row = failure(task.key, f"its worker died {answer.tries} times")
+                table.put(row, {}, WORKER_DIED)
+            else:
+                table.put(*answer, made_of)
+            progress(1)
+
+
+def _by_dask(work: Callable[[T], R], items: Iterator[T], client: Any) -> Generator[tuple[T, R | Lost]]:
+    """Yield each item with what the workers of a client make of it. Dask gives the item of a dead worker to another."""
+    from distributed import as_completed
+
+    sent: dict[Any, T] = {}
+    ended = as_completed(loop=client.loop)  # type: ignore[no-untyped-call]
+
+    def answer(future: Any) -> tuple[T, R | Lost]:
+        if future.status not in ("finished", "error"):
+            raise CannotFinishError("the workers are gone; run the same command again to continue")
+        return sent.pop(future), future.result() if future.status == "finished" else Lost(MAX_TRIES)
+
+    try:
+        for item in items:
+            future = client.submit(work, item, pure=False)
+            sent[future] = item
+            ended.add(future)  # type: ignore[no-untyped-call]
+            # What is done is told at once: a caller that is killed while it sends loses nothing that was finished.
+            while len(sent) >= MAX_PENDING_TASKS or ended.has_ready():  # type: ignore[no-untyped-call]
+                yield answer(next(ended))
+        for future in ended:
+            yield answer(future)
     finally:
-        for future in sent:
-            future.cancel()
+        client.cancel(list(sent))
 
 
-def _timed(attempt: Callable[[Task], Row], task: Task) -> tuple[Row, Row]:
+def _timed(attempt: Callable[[Task], Row], wanted: tuple[Task, str]) -> tuple[Row, Row]:
     """Make a row, and say what it took; runs on the worker. Only a worker's death ends without a row."""
+    task, _ = wanted
     began = time.perf_counter()
     try:
         row = attempt(task)

@@ -20,14 +20,12 @@ from aero_bayes.data.find_table import DataFinding
 from aero_bayes.data.table import is_time_name
 from aero_bayes.display import table_html
 from aero_bayes.errors import InputError
-from aero_bayes.figures import describe_figure_parameters, drawn
+from aero_bayes.figures import Picture, drawn
 from aero_bayes.simulation.interface import Experiment, InputSignal, Interpolation
 from aero_bayes.unknown_names import known_names_hint
 
 if TYPE_CHECKING:
     import pandas
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
     from aero_bayes.data.summary import RecordingSummary
 
@@ -245,21 +243,25 @@ class Recording:
         outputs = {name: np.where(self.time >= after, np.nan, values) for name, values in self.outputs.items()}
         return replace(self, name=f"{self.name} (outputs to {after:g} s)", outputs=outputs, sha256="")
 
-    @describe_figure_parameters
-    def plot(self, *, ax: Axes | None = None, figure: Figure | None = None, dark: bool = False) -> Figure:
+    def plot(self, *, dark: bool = False) -> Picture:
         """Draw inputs and outputs over time.
+
+        Parameters
+        ----------
+        dark : bool
+            Colours for a dark background.
 
         Returns
         -------
-        matplotlib.figure.Figure
-            A panel for each column, its SI unit (or a thousandth of it) at the axis.
+        Picture
+            A panel for each column, in its SI unit or a thousandth of it.
 
         Examples
         --------
-        >>> len(recording.plot().axes)  # the force, the position
+        >>> len(recording.plot().panels)  # the force, the position
         2
         """
-        return drawn("run_figure", self, figure=ax or figure, dark=dark)
+        return drawn("run_picture", self, dark=dark)
 
     def summary(self) -> RecordingSummary:
         """Look the recording over; no model is involved.

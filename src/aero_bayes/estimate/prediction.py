@@ -21,7 +21,7 @@ from aero_bayes.estimate.noise import OutputNoise
 from aero_bayes.estimate.noise_estimation import reading_log_density
 from aero_bayes.estimate.simulate import as_recording, on_recordings, opener
 from aero_bayes.estimate.target import NoiseLayout
-from aero_bayes.figures import describe_figure_parameters, drawn
+from aero_bayes.figures import Picture, drawn
 from aero_bayes.plain import plain
 from aero_bayes.simulation.interface import Outcome, Simulator
 from aero_bayes.simulation.model import Model
@@ -30,8 +30,6 @@ from aero_bayes.unknown_names import known_names_hint
 
 if TYPE_CHECKING:
     import pandas
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 
 @dataclass(frozen=True, eq=False)
@@ -236,15 +234,24 @@ class RecordingPrediction:
                 found.append((output, (y - part.median[:, k])[seen], inside[seen]))
         return found
 
-    @describe_figure_parameters
-    def plot(self, *, ax: Axes | None = None, figure: Figure | None = None, dark: bool = False) -> Figure:
+    def plot(self, *, dark: bool = False) -> Picture:
         """Draw the median and the 90 % band over what was read.
+
+        Parameters
+        ----------
+        dark : bool
+            Colours for a dark background.
+
+        Returns
+        -------
+        Picture
 
         Examples
         --------
-        >>> posterior.predict(test).plot().savefig("prediction.png")
+        >>> posterior.predict(test).plot().save("prediction.svg").name
+        'prediction.svg'
         """
-        return drawn("prediction_figure", self, figure=ax or figure, dark=dark)
+        return drawn("prediction_picture", self, dark=dark)
 
     def to_frame(self) -> pandas.DataFrame:
         """Return median and 90 % band by time (s): columns (output, lower | median | upper), SI units.

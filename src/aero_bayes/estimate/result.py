@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING, Protocol
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -38,13 +38,9 @@ from aero_bayes.estimate.prediction import FittedPredictor
 from aero_bayes.estimate.simulate import simulate
 from aero_bayes.estimate.swarm import SwarmResult
 from aero_bayes.estimate.target import CurvatureAdjustment, JointTarget, NoiseLayout, Target
-from aero_bayes.figures import HasPage, describe_figure_parameters, drawn
+from aero_bayes.figures import HasPage, Picture, drawn
 from aero_bayes.plain import plain
 from aero_bayes.simulation.interface import Outcome, Simulator, SmoothedStates
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 Json = dict[str, object]
 
@@ -383,20 +379,19 @@ class Fit(OtherTools, HasPage):
     def _parameter_draws(self, draws: int, seed: int) -> FloatArray:
         return parameter_draws(self.laplace, self.calibration.parameters, self.values, self.free, draws, seed)
 
-    @describe_figure_parameters
-    def plot(
-        self, recording: str | None = None, *, ax: Axes | None = None, figure: Figure | None = None, dark: bool = False
-    ) -> Figure:
+    def plot(self, recording: str | None = None, *, dark: bool = False) -> Picture:
         """Draw a recording, the fitted outputs and the residuals.
 
         Parameters
         ----------
         recording : str, optional
             Name of a fitted recording; the first by default.
+        dark : bool
+            Colours for a dark background.
 
         Returns
         -------
-        matplotlib.figure.Figure
+        Picture
             Dashed lines: twice the noise floor, between which noise alone leaves 95 % of samples.
 
         Raises
@@ -406,10 +401,10 @@ class Fit(OtherTools, HasPage):
 
         Examples
         --------
-        >>> len(fit.plot().axes)  # the force, the position, what is left of it
+        >>> len(fit.plot().panels)  # the force, the position, what is left of it
         3
         """
-        return drawn("run_figure", self, recording, figure=ax or figure, dark=dark)
+        return drawn("run_picture", self, recording, dark=dark)
 
     def _repr_html_(self) -> str:
         caption = f"{self.calibration.model.name}: {self.reason.value}"

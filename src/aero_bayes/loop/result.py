@@ -21,7 +21,7 @@ from aero_bayes.estimate.noise import OutputNoise
 from aero_bayes.estimate.predict_recordings import Prediction, Shift, shifts
 from aero_bayes.estimate.residual_tests import RecordingError, reports_by_recording
 from aero_bayes.estimate.result import Fit
-from aero_bayes.figures import HasPage, describe_figure_parameters, drawn, page_of
+from aero_bayes.figures import HasPage, Picture, drawn, page_of
 from aero_bayes.files import ScratchFolder
 from aero_bayes.loop.decide import Decision
 from aero_bayes.loop.extend import ExtendedFit, FoundEffect, Limit
@@ -32,8 +32,6 @@ from aero_bayes.unknown_names import known_names_hint
 
 if TYPE_CHECKING:
     import pandas
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 
 def free_estimates(fit: Fit) -> dict[str, Estimate]:
@@ -327,21 +325,38 @@ class LoopResult(HasPage):
             )
         return self.calibrated.export_fmu(path)
 
-    @describe_figure_parameters
-    def plot(self, *, ax: Axes | None = None, figure: Figure | None = None, dark: bool = False) -> Figure:
+    def plot(self, *, dark: bool = False) -> Picture:
         """Draw what the models before and after make of data that was not fitted, and what each leaves.
 
         Of the output that most was left of. Dashed: twice the noise floor.
 
+        Parameters
+        ----------
+        dark : bool
+            Colours for a dark background.
+
+        Returns
+        -------
+        Picture
+
         Examples
         --------
-        >>> loop.plot().savefig("loop.png")
+        >>> loop.plot().save("loop.svg").name
+        'loop.svg'
         """
-        return drawn("scene_figure", self, figure=ax or figure, dark=dark)
+        return drawn("scene_picture", self, dark=dark)
 
-    @describe_figure_parameters
-    def plot_rounds(self, *, ax: Axes | None = None, figure: Figure | None = None, dark: bool = False) -> Figure:
+    def plot_rounds(self, *, dark: bool = False) -> Picture:
         """Draw by how much each candidate lowers the error on left-out readings, step by step; orange: chosen.
+
+        Parameters
+        ----------
+        dark : bool
+            Colours for a dark background.
+
+        Returns
+        -------
+        Picture
 
         Raises
         ------
@@ -350,9 +365,10 @@ class LoopResult(HasPage):
 
         Examples
         --------
-        >>> loop.plot_rounds().savefig("rounds.png")
+        >>> loop.plot_rounds().save("rounds.svg").name
+        'rounds.svg'
         """
-        return drawn("rounds_figure", self, figure=ax or figure, dark=dark)
+        return drawn("rounds_picture", self, dark=dark)
 
     def to_frame(self) -> pandas.DataFrame:
         """Return a row for each candidate of each round.

@@ -14,7 +14,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -27,16 +27,12 @@ from aero_bayes.estimate.other_tools import chosen_estimates, noise_table, proce
 from aero_bayes.estimate.parameters import Parameter, ParameterSet
 from aero_bayes.estimate.prediction import FittedPredictor, FittedResult, Predictive
 from aero_bayes.estimate.result import Fit
-from aero_bayes.figures import HasPage, describe_figure_parameters, drawn
+from aero_bayes.figures import HasPage, Picture, drawn
 from aero_bayes.files import whole_file
 from aero_bayes.plain import picked, plain
 from aero_bayes.posterior.convergence import Convergence
 from aero_bayes.posterior.modes import ModeDraws
 from aero_bayes.simulation.interface import Outcome
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 Json = dict[str, object]
 
@@ -246,21 +242,19 @@ class Posterior(FittedResult, HasPage):
         points = self.draws.reshape(-1, self.draws.shape[-1])
         return points[np.unique(np.linspace(0, len(points) - 1, min(draws, len(points))).astype(np.int64))]
 
-    @describe_figure_parameters
-    def plot(
-        self,
-        parameters: Sequence[str] | None = None,
-        *,
-        ax: Axes | None = None,
-        figure: Figure | None = None,
-        dark: bool = False,
-    ) -> Figure:
+    def plot(self, parameters: Sequence[str] | None = None, *, dark: bool = False) -> Picture:
         """Draw how the parameters hang together: marginals, 50 % and 90 % regions, rank correlations.
 
         Parameters
         ----------
         parameters : sequence of str, optional
             Which; by default at most eight, those in the strongest correlations.
+        dark : bool
+            Colours for a dark background.
+
+        Returns
+        -------
+        Picture
 
         Raises
         ------
@@ -269,23 +263,26 @@ class Posterior(FittedResult, HasPage):
 
         Examples
         --------
-        >>> len(posterior.plot(["k", "d"]).axes)
-        4
+        >>> posterior.plot(["k", "d"]).save("pairs.svg").name
+        'pairs.svg'
         """
         units = {name: entry.unit for name, entry in self.parameters.items()}
         by_name = {name: self.draws[:, :, j] for j, name in enumerate(self.names)}
-        return drawn("pairs_figure", by_name, units, parameters, figure=ax or figure, dark=dark)
+        return drawn("pairs_picture", by_name, units, parameters, dark=dark)
 
-    @describe_figure_parameters
-    def plot_bands(
-        self, recording: str | None = None, *, ax: Axes | None = None, figure: Figure | None = None, dark: bool = False
-    ) -> Figure:
+    def plot_bands(self, recording: str | None = None, *, dark: bool = False) -> Picture:
         """Draw a fitted recording within the 90 % band of new readings.
 
         Parameters
         ----------
         recording : str, optional
             Name of a fitted recording; the first by default.
+        dark : bool
+            Colours for a dark background.
+
+        Returns
+        -------
+        Picture
 
         Raises
         ------
@@ -294,9 +291,10 @@ class Posterior(FittedResult, HasPage):
 
         Examples
         --------
-        >>> posterior.plot_bands().savefig("bands.png")
+        >>> posterior.plot_bands().save("bands.svg").name
+        'bands.svg'
         """
-        return drawn("run_figure", self, recording, figure=ax or figure, dark=dark)
+        return drawn("run_picture", self, recording, dark=dark)
 
     def _repr_html_(self) -> str:
         caption = f"{self.calibration.model.name}: R-hat {self.r_hat_max:.4f}, ESS {self.ess_bulk_min:.0f}"

@@ -1,4 +1,4 @@
-"""Finished runs side by side: parameters with their intervals, residuals over each other, settings that differ."""
+"""Finished runs side by side in one table: verdict, parameters with their intervals, errors, settings that differ."""
 
 from __future__ import annotations
 
@@ -12,36 +12,33 @@ from markupsafe import Markup
 from aero_bayes.errors import InputError
 from aero_bayes.estimate.identifiability import Estimate
 from aero_bayes.files import write_whole
-from aero_bayes.report.curves import FINAL_SERIES, largest, left_over
-from aero_bayes.report.drawing import Line, Panel, Plate, plate
-from aero_bayes.report.page import Part, Parts, fill, with_parts
+from aero_bayes.report.curves import FINAL_SERIES, left_over
+from aero_bayes.report.page import Parts, fill, with_parts
 from aero_bayes.report.run_directory import RunDirectory
-from aero_bayes.report.svg import SERIES
-from aero_bayes.report.tables import generic_cell, html_table, intervals_glyph, parameter_quantity, status_pill
-from aero_bayes.report.text import NO_VALUE, pretty_unit, scaled_unit, signal_title, significant, symbol
+from aero_bayes.report.tables import generic_cell, html_table, parameter_quantity, status_pill
+from aero_bayes.report.text import NO_VALUE, pretty_unit, sentence, significant, symbol
+from aero_bayes.report.words import LEVELS
 
 Runs = Mapping[str, RunDirectory]
+#: A row of the table: what it is, its unit, a cell for each run, and how far these are apart.
+Row = tuple[object, ...]
+#: Runs that stand side by side on a wide screen.
+MOST_RUNS = 6
 
 
 def write_comparison(directories: Sequence[Path | str], out: Path | str) -> Path:
-    """Return one page that sets runs side by side."""
-    if not 2 <= len(directories) <= len(SERIES):
-        raise InputError(f"{len(directories)} runs cannot be compared; expected 2 to {len(SERIES)} directories")
+    """Write a page with one table: a column for each run."""
+    if not 2 <= len(directories) <= MOST_RUNS:
+        raise InputError(f"{len(directories)} runs cannot be compared; expected 2 to {MOST_RUNS} directories")
     runs = dict(zip(_names([Path(d) for d in directories]), map(RunDirectory.read, directories), strict=True))
-    verdicts = {name: run.result.verdict for name, run in runs.items()}
-    residuals = _residual_plates(runs) or ["The runs have no recording in common."]
-    settings = _settings_table(runs) or "All settings are the same."
+    rows = [_verdicts(runs), *_parameter_rows(runs), *_error_rows(runs), *_setting_rows(runs)]
+    heads = ("", "unit", *runs, "largest difference (combined sd)")
+    caption = "Parameters with 90 % intervals, errors (RMS of the residual), and settings that differ"
     context = {
-        "title": " against ".join(runs), "kicker": "aero-bayes · compare", "simulated": False, "warnings": (),
-        "legend": [(SERIES[k], name) for k, name in enumerate(runs)], "finding": (), "opening": (),
-        "verdicts": [(found.level, name, found.text) for name, found in verdicts.items() if found],
-        "sections": with_parts(
-            Parts("Parameters", [_estimates_by_run_table(runs)], "parameters"),
-            Parts("Residuals", [_rms_by_run_table(runs), *residuals], "residuals"),
-            Parts("Settings", [settings], "settings"),
-        ),
+        "title": " against ".join(runs), "kicker": "aero-bayes · compare",
+        "sections": with_parts(Parts("Side by side", [html_table(heads, rows, caption)], "runs")),
     }  # fmt: skip
-    return write_whole(Path(out), fill("page.html.jinja", context, [run.result for run in runs.values()]))
+    return write_whole(Path(out), fill(context, [run.result for run in runs.values()]))
 
 
 def _names(directories: Sequence[Path]) -> list[str]:
@@ -65,17 +62,21 @@ def _shared(runs: Runs) -> dict[str, dict[str, Estimate]]:
     }
 
 
-def _estimates_by_run_table(runs: Runs) -> Markup:
-    """Write value, interval and status of every parameter, run by run."""
-    rows = []
+def _verdicts(runs: Runs) -> Row:
+    results = [run.result for run in runs.values()]
+    cells = (
+        Markup("<strong>{}.</strong> {}").format(LEVELS[r.verdict.level], sentence(r.verdict.text, r.effect_words()))
+        if r.verdict else NO_VALUE
+        for r in results
+    )  # fmt: skip
+    return ("verdict", "", *cells, "")
+
+
+def _parameter_rows(runs: Runs) -> Iterator[Row]:
+    """Yield value, interval and status of every parameter, run by run."""
     for name, entries in _shared(runs).items():
         unit = next((pretty_unit(entry.unit) for entry in entries.values()), "")
-        sure = [e if (e := entries.get(run)) and parameter_quantity(e)[1] else None for run in runs]
-        drawn = intervals_glyph(name, sure, SERIES) if len(sure) - sure.count(None) > 1 else ""
-        shown = (_estimate(entries.get(run)) for run in runs)
-        rows.append((symbol(name), drawn, unit, *shown, _apart(list(entries.values()))))
-    heads = ("parameter", "a scale for each row", "unit", *runs, "largest difference (combined sd)")
-    return html_table(heads, rows, "Parameters, with 90 % intervals")
+        yield (symbol(name), unit, *(_estimate(entries.get(run)) for run in runs), _apart(list(entries.values())))
 
 
 def _estimate(found: Estimate | None) -> Markup | str:
@@ -95,48 +96,15 @@ def _apart(entries: Sequence[Estimate]) -> str:
     return significant(max(gaps), 2) if gaps else NO_VALUE
 
 
-def _residual_plates(runs: Runs) -> list[Part]:
-    """Return residuals of all runs for each recording that at least two of them have."""
-    names = dict.fromkeys(name for run in runs.values() for name in run.recordings())
-    found: list[Part] = []
-    for name in names:
-        seen = {k: run for k, run in runs.items() if name in run.recordings()}
-        if len(seen) > 1 and (drawn := _residual_plate(runs, seen, name)) is not None:
-            found += [Markup("<h3>{}</h3>").format(name), drawn]
-    return found
-
-
-def _residual_plate(runs: Runs, seen: Runs, recording: str) -> Plate | None:
-    outputs = dict.fromkeys(output for run in seen.values() for output in run.signals("measured", recording))
-    panels = []
-    for output in outputs:
-        found = {k: left_over(run, recording, output, FINAL_SERIES) for k, run in seen.items()}
-        left = {k: values for k, values in found.items() if values is not None}
-        if not left:
-            continue
-        result = seen[next(iter(left))].result
-        factor, unit = scaled_unit(largest(*left.values()), result.unit(output))
-        lines = tuple(
-            Line(seen[k].time(recording), factor * values, SERIES[list(runs).index(k)], 1.1, label=k, cloud=0.35,
-                 trend=True, rms=True)
-            for k, values in left.items()
-        )  # fmt: skip
-        title = f"residual of {signal_title(output, unit, result.description(output))}"
-        panels.append(Panel(title, lines, 120, ticks=3))
-    alt = f"Recording {recording}: residuals of {', '.join(seen)} over each other."
-    return plate(panels, alt, "time (s)", link=recording) if panels else None
-
-
-def _rms_by_run_table(runs: Runs) -> Markup:
-    """Write the RMS of the residual, by recording and output."""
-    rows = []
+def _error_rows(runs: Runs) -> Iterator[Row]:
+    """Yield the RMS of the residual, by recording and output."""
     read = dict.fromkeys((r, o) for run in runs.values() for r in run.recordings() for o in run.signals("measured", r))
     for recording, output in read:
         sizes = [_rms(run, recording, output) for run in runs.values()]
         unit = next(filter(None, (run.result.unit(output) for run in runs.values())), "")
         if any(size is not None for size in sizes):
-            rows.append((recording, symbol(output), pretty_unit(unit), *(significant(size) for size in sizes)))
-    return html_table(("recording", "output", "unit", *runs), rows, "RMS of the residual")
+            name = Markup("error of {}<small>{}</small>").format(symbol(output), recording)
+            yield (name, pretty_unit(unit), *(significant(size) for size in sizes), "")
 
 
 def _rms(run: RunDirectory, recording: str, output: str) -> float | None:
@@ -144,13 +112,13 @@ def _rms(run: RunDirectory, recording: str, output: str) -> float | None:
     return None if values is None else float(np.sqrt(np.nanmean(values**2)))
 
 
-def _settings_table(runs: Runs) -> Markup:
-    """Return everything about how the runs were made that is not the same for all."""
+def _setting_rows(runs: Runs) -> Iterator[Row]:
+    """Yield everything about how the runs were made that is not the same for all."""
     told = all(run.result.settings for run in runs.values())
     found = [dict(_flat("", run.result.settings) if told else ()) | dict(_circumstances(run)) for run in runs.values()]
-    keys = [key for key in dict.fromkeys(k for f in found for k in f) if len({repr(f.get(key)) for f in found}) > 1]
-    rows = [(Markup("<code>{}</code>").format(key), *(generic_cell(f.get(key)) for f in found)) for key in keys]
-    return html_table(("setting", *runs), rows, "Settings that differ")
+    for key in dict.fromkeys(k for f in found for k in f):
+        if len({repr(f.get(key)) for f in found}) > 1:
+            yield (Markup("<code>{}</code>").format(key), "", *(generic_cell(f.get(key)) for f in found), "")
 
 
 def _circumstances(run: RunDirectory) -> Iterator[tuple[str, object]]:

@@ -25,17 +25,17 @@ _BOX = ShapeJson(kind="rectangle", points=[(-100, -100), (100, 100)], filled=Tru
 
 
 def diagram_plate(diagram: DiagramJson) -> Plate | None:
-    """Return a diagram as a figure; None for an empty one."""
-    if not diagram.components:
+    """Return a diagram as a figure; None for one without the place of an effect."""
+    marked = [c.name for c in diagram.components if c.marked]
+    if not marked:
         return None
-    marked = [c for c in diagram.components if c.marked]
-    alt = f"Diagram of {diagram.title}: {', '.join(c.name for c in diagram.components)}."
-    if marked:
-        alt += f" An effect was added at {' and '.join(c.name for c in marked)}."
+    parts = ", ".join(c.name for c in diagram.components)
+    alt = f"Diagram of {diagram.title}: {parts}. An effect was added at {' and '.join(marked)}."
     canvas, place = _paper(diagram, alt)
     by_name = {c.name: c for c in diagram.components}
     for line in diagram.connections:
-        at = place(_points(line.points) if line.points else _line_between(by_name[line.first], by_name[line.second]))
+        middles = [complex(_points(by_name[end].extent).mean()) for end in (line.first, line.second)]
+        at = place(_points(line.points) if line.points else np.array(middles))
         canvas.curve(at.real, at.imag, MUTED, 0.9 if line.signal else 1.4, "3 3" if line.signal else "")
     for component in diagram.components:
         _draw(canvas, component, place)
@@ -48,7 +48,7 @@ def diagram_plate(diagram: DiagramJson) -> Plate | None:
     ]  # fmt: skip
     caption = Markup("<strong>{}</strong>. {}").format(
         diagram.title,
-        f"Marked: the place where {'an effect was' if len(marked) == 1 else 'effects were'} added." if marked else "",
+        f"Marked: the place where {'an effect was' if len(marked) == 1 else 'effects were'} added.",
     )
     table = html_table(("part", "what it is", "connected to", ""), rows, alt)
     return Plate(canvas.svg(), alt, caption, table)
@@ -107,18 +107,3 @@ def _outline(shape: ShapeJson) -> Points:
         turns = np.linspace(0, 2 * math.pi, 24, endpoint=False)
         return np.asarray(centre + half.real * np.cos(turns) + 1j * half.imag * np.sin(turns))
     return points
-
-
-def _line_between(first: ComponentJson, second: ComponentJson) -> Points:
-    """Lead a line from the nearer side of one component to that of another, with one step between."""
-    ends = [_points(item.extent) for item in (first, second)]
-    (a, b), (c, d) = ((z.mean().real, z.mean().imag) for z in ends)
-    half = [0.5 * (z[1] - z[0]) for z in ends]
-    if abs(c - a) <= abs(half[0].real) + abs(half[1].real):  # one above the other
-        sign, middle = math.copysign(1.0, d - b), 0.5 * (b + d)
-        b, d = b + sign * abs(half[0].imag), d - sign * abs(half[1].imag)
-        return _points([(a, b), (a, middle), (c, middle), (c, d)])
-    sign = math.copysign(1.0, c - a)
-    start, stop = a + sign * abs(half[0].real), c - sign * abs(half[1].real)
-    knee = stop - sign * min(6.0, 0.5 * abs(stop - start))
-    return _points([(start, b), (knee, b), (knee, d), (stop, d)])

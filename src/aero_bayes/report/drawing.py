@@ -115,7 +115,7 @@ def plate(
 ) -> Plate:
     """Make panels a figure; one with a ``link`` can be zoomed."""
     series: dict[str, FloatArray] | None = {} if link else None
-    drawing = draw(panels, alt, x_label, series, small=small)
+    drawing = draw(panels, alt, x_label, series, small=small).svg()
     return Plate(drawing, alt, Markup.escape(caption), data_table(panels, x_label, alt), legend, link, series or {})
 
 
@@ -126,7 +126,7 @@ def draw(
     series: dict[str, FloatArray] | None = None,
     *,
     small: bool = False,
-) -> Markup:
+) -> Canvas:
     """Draw panels one below the other over a common x axis; fill ``series`` with what a script needs to zoom it."""
     scales = [_scale(panel) for panel in panels]
     longest = max((len(tick_text(tick)) for _, ticks in scales for tick in ticks), default=0)
@@ -143,7 +143,7 @@ def draw(
         canvas.end()
         top += panel.height + _GAP
     _draw_x_axis(canvas, top - _GAP, x_limits, x_label, small)
-    return canvas.svg()
+    return canvas
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from typing import Any
 
-import numpy as np
 from markupsafe import Markup
 
 from aero_bayes.arrays import FloatArray
@@ -37,7 +36,7 @@ def experiment(run: RunDirectory) -> list[Any]:
     if plan is None:
         return []
     lead = Markup('<p class="lead">{}</p>').format(_lead(plan))
-    return [lead, _signal(run, plan), _gains(plan), _families(plan), _limits(run, plan)]
+    return [lead, _signal(run, plan), _gains(plan), _limits(run, plan)]
 
 
 def _lead(plan: DesignJson) -> Markup:
@@ -106,18 +105,6 @@ def _relative(sd: float, value: float) -> str:
 
 def _times(gain: float) -> str:
     return NO_VALUE if not math.isfinite(gain) else f"{gain:.2f}" if gain < 10 else tidy(gain, 3)
-
-
-def _families(plan: DesignJson) -> Markup:
-    """Return how well the best signal of each kind would do."""
-    scores = {name: score for name, score in plan.families.items() if score is not None}
-    worth = {name: float(np.exp(-score)) for name, score in scores.items()}
-    most = max(worth.values(), default=0.0)
-    rows = [
-        (name, bar(value / most if most > 0 else 0.0, f"{name}: {significant(value)}"), significant(value))
-        for name, value in sorted(worth.items(), key=lambda item: -item[1])
-    ]
-    return html_table(("kind of signal", "", "times narrower"), rows, "The best signal of each kind")
 
 
 def _limits(run: RunDirectory, plan: DesignJson) -> Markup:

@@ -10,7 +10,7 @@ from typing import Any
 from markupsafe import Markup
 
 from aero_bayes.files import write_whole
-from aero_bayes.report.page import fill
+from aero_bayes.report.page import Parts, fill, with_parts
 from aero_bayes.report.schema_run import FleetJson, RangeJson, RunJson
 from aero_bayes.report.tables import html_table
 from aero_bayes.report.text import (
@@ -24,6 +24,7 @@ from aero_bayes.report.text import (
     significant,
     symbol,
 )
+from aero_bayes.report.words import LEVELS
 from aero_bayes.simulation.interface import NORMAL_HALF_WIDTH
 
 _OUTCOMES = {"adequate": "the model is adequate", "extended": "an effect was added",
@@ -33,18 +34,27 @@ _OUTCOMES = {"adequate": "the model is adequate", "extended": "an effect was add
 def write_fleet_page(directory: Path, result: FleetJson, rows: Sequence[Mapping[str, Any]]) -> Path:
     """Write ``DIR/report.html``: one file, of a few hundred bytes a rig and parameter."""
     words = {effect.id: effect.summary for effect in result.effects if effect.summary}
-    loop = [(_OUTCOMES.get(k, k), count(n)) for k, n in sorted(result.outcomes.items())]
+    loop = {_OUTCOMES.get(k, k): count(n) for k, n in sorted(result.outcomes.items())}
     for e in result.effects:
         share = Markup("{} rigs; share of all, 90 % interval: {}").format(count(e.named), _range(e.share, "%", 100.0))
-        loop.append((named_effect(e.id, words), share))
-    facts = [
-        ("work", result.work), ("seed", str(result.seed)), ("worker processes", count(result.workers)),
-        ("computing time of all rigs", duration(result.seconds)), ("table", result.table_sha256[:16]),
-        *((f"version of {k}", v) for k, v in result.versions.items()),
-    ]  # fmt: skip
-    title = f"Fleet of {count(result.rigs)} rigs"
-    context = {"result": result, "title": title, "facts": facts, "loop": loop, "rigs": _rigs(result, rows, words)}
-    page = fill("fleet.html.jinja", context, [RunJson(words=words)], ())
+        loop[named_effect(e.id, words)] = share
+    facts = {
+        "work": result.work, "seed": str(result.seed), "worker processes": count(result.workers),
+        "computing time of all rigs": duration(result.seconds), "table": result.table_sha256[:16],
+        **{f"version of {k}": v for k, v in result.versions.items()},
+    }  # fmt: skip
+    weak = "A rig in which the effect is too weak to be found does not count."
+    verdict = result.verdict
+    context = {
+        "title": f"Fleet of {count(result.rigs)} rigs", "kicker": "aero-bayes · fleet", "simulated": result.simulated,
+        "verdicts": [(verdict.level, LEVELS[verdict.level], verdict.text)] if verdict else (),
+        "sections": with_parts(
+            Parts("Rigs", [_rigs(result, rows, words)], "rigs"),
+            Parts("Effects that the model lacks", [loop, weak] if loop else [], "effects"),
+            Parts("Work and provenance", [facts], "work"),
+        ),
+    }  # fmt: skip
+    page = fill(context, [RunJson(words=words)])
     return write_whole(directory / "report.html", page)
 
 

@@ -14,14 +14,14 @@ from aero_bayes.loop.result import Step, StepCandidate
 from aero_bayes.report.curves import largest
 from aero_bayes.report.drawing import Band, Line, Panel, Plate, plate
 from aero_bayes.report.schema_run import EffectJson, LoopJson
-from aero_bayes.report.svg import ACCENT
+from aero_bayes.report.svg import ACCENT, INK, MEASURED, MUTED, WARM_COLOUR, Canvas
 from aero_bayes.report.tables import bar, html_table
 from aero_bayes.report.text import NO_VALUE, greek_name, minus, scaled_unit
 from aero_bayes.simulation.interface import NORMAL_HALF_WIDTH
 
 _MOST_ROWS = 24
-#: Letters of a candidate's label beside a bar.
-LABEL_LETTERS = 52
+#: Letters of a candidate's label beside a bar; pixels of the labels, of a step's bars with their numbers, and of a row.
+_LABEL_LETTERS, _LABEL, _STEP, _ROW = 52, 330.0, 250.0, 20.0
 
 
 def rounds(loop: LoopJson) -> tuple[list[Step], list[str], list[str]]:
@@ -62,10 +62,30 @@ def _cell(found: StepCandidate | None, step: Step) -> Markup:
     return Markup("{} {}<small>{}</small>").format(drawn, fall_text(found), "; ".join(filter(None, notes)))
 
 
-def short_label(id_: str, words: Mapping[str, str]) -> str:
-    """Return what a candidate is, by its words or else its id, cut to a number of letters."""
-    text = words.get(id_) or id_
-    return text if len(text) <= LABEL_LETTERS else f"{text[: LABEL_LETTERS - 1]}…"
+def rounds_canvas(loop: LoopJson, words: Mapping[str, str]) -> Canvas | None:
+    """Draw how far the error falls as bars: a row for each candidate that helps, a column for each step; None if no
+    candidate was tried."""
+    steps, _, ids = rounds(loop)
+    if not steps:
+        return None
+    alt = "Fall of the left-out error by candidate and step."
+    canvas = Canvas(_LABEL + _STEP * len(steps), 30 + _ROW * len(ids), alt)
+    for row, id_ in enumerate(ids):
+        text = words.get(id_) or id_
+        short = text if len(text) <= _LABEL_LETTERS else f"{text[: _LABEL_LETTERS - 1]}…"
+        canvas.text(_LABEL - 8, 40 + _ROW * row, short, INK, anchor="end")
+    for column, step in enumerate(steps):
+        left = _LABEL + _STEP * column
+        canvas.text(left, 15, f"step {step.round}: {step.chosen or 'nothing'} chosen", INK)
+        for found in step.candidates:
+            if found.id in ids and found.share is not None:
+                top, chosen = 30 + _ROW * ids.index(found.id), found.id == step.chosen
+                end = left + 1.0 + max(fall(found), 0.0)
+                low, high = np.full(2, top + 12.0), np.full(2, top)
+                colour = WARM_COLOUR if chosen else MEASURED
+                canvas.area(np.array([left, end]), low, high, colour, 1.0, 1.5 * (found.id in step.equivalent))
+                canvas.text(end + 5, top + 10, fall_text(found), INK if chosen else MUTED)
+    return canvas
 
 
 def fall(found: StepCandidate | EffectJson) -> float:

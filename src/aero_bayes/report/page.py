@@ -72,13 +72,12 @@ def write_run_page(directory: Path | str) -> Path:
 
 def render(run: RunDirectory) -> str:
     """Return the page's text. The same run always gives the same page."""
-    return fill("page.html.jinja", _context(run), [run.result])
+    return fill(_context(run), [run.result])
 
 
-def fill(
-    template: str, context: Mapping[str, Any], results: Sequence[RunJson], scripts: Sequence[str] = SCRIPTS
-) -> str:
-    """Return a page from its template."""
+def fill(context: Mapping[str, Any], results: Sequence[RunJson]) -> str:
+    """Return a page from the template; a context without a part has nothing to show there."""
+    nothing = {"simulated": False, "verdicts": (), "warnings": (), "finding": (), "opening": ()}
     environment = _environment().overlay()
     words = {id_: text for result in results for id_, text in result.effect_words().items()}
     signals = {name for result in results for name in result.signals}
@@ -86,11 +85,11 @@ def fill(
         "sentence": partial(sentence, words=words, signals=signals), "terse": partial(sentence, signals=signals),
         "effect": partial(named_effect, words=words),
     }  # fmt: skip
-    script = _script(tuple(scripts))
+    script = _script()
     series = {key: values for plate in _plates(context.values()) for key, values in plate.series.items()}
     digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
-    return environment.get_template(template).render(
-        context, script=Markup(script), script_hash=digest, series=embedded(series)
+    return environment.get_template("page.html.jinja").render(
+        nothing | {**context}, script=Markup(script), script_hash=digest, series=embedded(series)
     )
 
 
@@ -104,10 +103,10 @@ def _environment() -> Environment:
 
 
 @cache
-def _script(names: tuple[str, ...]) -> str:
-    """Return a page's script: its parts in order, in one scope of their own."""
+def _script() -> str:
+    """Return the page's script: its parts in order, in one scope of their own."""
     folder = Path(__file__).with_name("script")
-    parts = [folder.joinpath(f"{name}.js").read_text("utf-8") for name in names]
+    parts = [folder.joinpath(f"{name}.js").read_text("utf-8") for name in SCRIPTS]
     return '"use strict";\n(() => {\n' + "\n".join(parts) + "})();"
 
 
@@ -165,7 +164,7 @@ def _context(run: RunDirectory) -> dict[str, Any]:
     if table := findings.checks_table(result, words.short_verdict(result)):
         opening.append(Markup('<div class="diagnosis">{}</div>').format(table))
     return {
-        "title": words.title(result, run.path.name), "legend": (), "simulated": result.simulated,
+        "title": words.title(result, run.path.name), "simulated": result.simulated,
         "finding": head.columns if head else (),
         "kicker": " · ".join(filter(None, ("aero-bayes", result.command, result.model.name))),
         "verdicts": [(verdict.level, words.LEVELS[verdict.level], words.short_verdict(result))],

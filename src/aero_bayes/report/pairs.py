@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, cast
+from typing import cast
 
 import contourpy
 import numpy as np
@@ -12,16 +12,10 @@ from markupsafe import Markup
 from scipy.ndimage import gaussian_filter
 
 from aero_bayes.arrays import FloatArray
-from aero_bayes.errors import InputError
-from aero_bayes.figures import draws
 from aero_bayes.report.drawing import Plate
 from aero_bayes.report.svg import ACCENT, INK, MUTED, RULE, Canvas
 from aero_bayes.report.tables import html_table
-from aero_bayes.report.text import greek_name, minus, pretty_unit, rounded_value, symbol
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
+from aero_bayes.report.text import greek_name, minus, rounded_value, symbol
 
 
 def most_correlated(posterior: Mapping[str, FloatArray], most: int = 8) -> list[str]:
@@ -41,11 +35,28 @@ def pair_plate(posterior: Mapping[str, FloatArray], units: Mapping[str, str]) ->
     names = most_correlated(posterior)
     if len(names) < 2:
         return None
-    draws = {name: posterior[name].ravel() for name in names}
     correlation = rank_correlation(posterior, names)
-    cell = min(150.0, 980.0 / len(names))
     first, second, value = _strongest(names, correlation)
-    alt = f"Pair plot of {len(names)} parameters. Strongest rank correlation: {first} with {second}, {value}."
+    canvas = pair_canvas(posterior, units, names)
+    caption = Markup(
+        "Inner and outer regions hold 50 % and 90 % of the posterior. Numbers: rank correlations. "
+        "Each cell spans the central 99.8 % of its parameter. Strongest correlation: {} with {}, {}."
+    ).format(symbol(first), symbol(second), value)
+    rows = [
+        (symbol(name), *(minus(f"{correlation[row, column]:+.2f}") for column in range(len(names))))
+        for row, name in enumerate(names)
+    ]
+    table = html_table(("", *(symbol(name) for name in names)), rows, "Rank correlations")
+    return Plate(canvas.svg(), canvas.alt, caption, table, scrolls=True)
+
+
+def pair_canvas(posterior: Mapping[str, FloatArray], units: Mapping[str, str], names: Sequence[str]) -> Canvas:
+    """Draw the cells of these parameters, at least one."""
+    draws = {name: posterior[name].ravel() for name in names}
+    correlation = np.atleast_2d(rank_correlation(draws, names))
+    cell = min(150.0, 980.0 / len(names))
+    alt = f"Pair plot of {len(names)} parameters. Strongest rank correlation: {{}} with {{}}, {{}}."
+    alt = alt.format(*_strongest(names, correlation)) if len(names) > 1 else f"Marginal density of {names[0]}."
     canvas = Canvas(cell * len(names) + 8, cell * len(names) + 62, alt)
     for row, below in enumerate(names):
         for column, name in enumerate(names[: row + 1]):
@@ -58,16 +69,7 @@ def pair_plate(posterior: Mapping[str, FloatArray], units: Mapping[str, str]) ->
                 _number(canvas, correlation[row, column], 2 + cell * row, 22 + cell * column, cell)
     for column, name in enumerate(names):
         _cell_scale(canvas, draws[name], units.get(name, ""), 2 + cell * column, 22 + cell * len(names), cell)
-    caption = Markup(
-        "Inner and outer regions hold 50 % and 90 % of the posterior. Numbers: rank correlations. "
-        "Each cell spans the central 99.8 % of its parameter. Strongest correlation: {} with {}, {}."
-    ).format(symbol(first), symbol(second), value)
-    rows = [
-        (symbol(name), *(minus(f"{correlation[row, column]:+.2f}") for column in range(len(names))))
-        for row, name in enumerate(names)
-    ]
-    table = html_table(("", *(symbol(name) for name in names)), rows, "Rank correlations")
-    return Plate(canvas.svg(), alt, caption, table, scrolls=True)
+    return canvas
 
 
 def rank_correlation(posterior: Mapping[str, FloatArray], names: Sequence[str]) -> FloatArray:
@@ -144,80 +146,3 @@ def _cell_scale(canvas: Canvas, draws: FloatArray, unit: str, left: float, foot:
     canvas.text(left, foot + 7, shown.low, MUTED, 10.5)
     canvas.text(left + cell - 8, foot + 7, shown.high, MUTED, 10.5, "end")
     canvas.text(left + (cell - 8) / 2, foot + 24, shown.unit, MUTED, 10.5, "middle")
-
-
-@draws
-def pairs_figure(
-    draws: Mapping[str, FloatArray],
-    units: Mapping[str, str],
-    parameters: Sequence[str] | None = None,
-    *,
-    figure: Figure | Axes | None = None,
-    dark: bool = False,
-) -> Figure:
-    """Draw marginal densities, the regions that hold 50 % and 90 % of every pair, and rank correlations."""
-    import matplotlib
-
-    from aero_bayes.report.plots import ground, mathematics, palette, settings
-
-    for name in parameters or ():
-        if name not in draws:
-            raise InputError(f"no draws of {name}; there are those of {', '.join(draws)}")
-    names = list(parameters or most_correlated(draws))
-    if not names:
-        raise InputError("no parameter varies in these draws")
-    flat = {name: draws[name].ravel() for name in names}
-    correlation = np.atleast_2d(rank_correlation(flat, names))
-    colours = palette(dark)
-    with matplotlib.rc_context(settings(colours) | {"axes.grid": False, "font.size": 8.0}):
-        size = max(3.2, min(8.2, 1.7 * len(names)))
-        figure = ground(figure, size, size, dark)
-        grid = figure.subplots(len(names), len(names), squeeze=False, sharex="col")
-        for row, below in enumerate(names):
-            for column, name in enumerate(names):
-                axes = grid[row, column]
-                if row == column:
-                    _marginal_axes(axes, flat[name], colours)
-                elif row > column:
-                    _region_axes(axes, flat[name], flat[below], colours)
-                else:
-                    _number_axes(axes, correlation[row, column], colours)
-                    continue
-                axes.locator_params(nbins=3)
-                axes.tick_params(labelbottom=row == len(names) - 1, labelleft=row > column == 0)
-                if row == len(names) - 1:
-                    axes.set_xlabel(mathematics(_label(name, units)))
-                if column == 0 and row > 0:
-                    axes.set_ylabel(mathematics(_label(below, units)))
-    return figure
-
-
-def _label(name: str, units: Mapping[str, str]) -> str:
-    unit = pretty_unit(units.get(name, ""))
-    return f"{greek_name(name)} ({unit})" if unit else greek_name(name)
-
-
-def _marginal_axes(axes: Axes, draws: FloatArray, colours: Mapping[str, str]) -> None:
-    height = marginal(draws)
-    at = np.linspace(*span(draws), len(height))
-    axes.fill_between(at, 0, height, color=colours["accent"], alpha=0.35, linewidth=0)
-    axes.plot(at, height, color=colours["accent"], linewidth=1.0)
-    axes.set_ylim(0, 1.08)
-    axes.set_yticks([])
-    axes.spines["left"].set_visible(False)
-
-
-def _region_axes(axes: Axes, across: FloatArray, up: FloatArray, colours: Mapping[str, str]) -> None:
-    density, (outer, inner) = regions(across, up)
-    x, y = (low + rim() * (high - low) for low, high in (span(across), span(up)))
-    for level, opacity in ((outer, 0.25), (inner, 0.5)):
-        axes.contourf(x, y, density, [level, np.inf], colors=[colours["accent"]], alpha=opacity)
-
-
-def _number_axes(axes: Axes, correlation: float, colours: Mapping[str, str]) -> None:
-    strength = abs(correlation)
-    colour = colours["ink" if strength >= 0.5 else "muted"]
-    text = minus(f"{correlation:+.2f}")
-    axes.text(0.5, 0.5, text, ha="center", va="center", color=colour, fontsize=8 + 6 * strength,
-              transform=axes.transAxes)  # fmt: skip
-    axes.set_axis_off()

@@ -22,14 +22,12 @@ from aero_bayes.errors import InputError
 from aero_bayes.estimate.prediction import RecordingPrediction
 from aero_bayes.estimate.simulate import simulate
 from aero_bayes.estimate.stored_fit import StoredFit, stored
-from aero_bayes.figures import HasPage, describe_figure_parameters, drawn
+from aero_bayes.figures import HasPage, Picture, drawn
 from aero_bayes.plain import plain
 from aero_bayes.report.schema_run import SCHEMA, RunJson
 
 if TYPE_CHECKING:
     import pandas
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 
 @dataclass(frozen=True)
@@ -167,16 +165,19 @@ class RunDirectory(HasPage):
             raise InputError(f"{self.path}: the run has no posterior.nc; aero-bayes posterior writes one")
         return load(path)
 
-    @describe_figure_parameters
-    def plot(
-        self, recording: str | None = None, *, ax: Axes | None = None, figure: Figure | None = None, dark: bool = False
-    ) -> Figure:
+    def plot(self, recording: str | None = None, *, dark: bool = False) -> Picture:
         """Draw the picture that the page opens with, or one recording with all its inputs and outputs.
 
         Parameters
         ----------
         recording : str, optional
             Name of a recording.
+        dark : bool
+            Colours for a dark background.
+
+        Returns
+        -------
+        Picture
 
         Raises
         ------
@@ -185,13 +186,14 @@ class RunDirectory(HasPage):
 
         Examples
         --------
-        >>> run.plot().savefig("run.png")
-        >>> len(run.plot("test").axes)  # the force, the position, what is left of it
+        >>> run.plot().save("run.svg").name
+        'run.svg'
+        >>> len(run.plot("test").panels)  # the force, the position, what is left of it
         3
         """
         if recording is None:
-            return drawn("scene_figure", self, figure=ax or figure, dark=dark)
-        return drawn("run_figure", self, recording, figure=ax or figure, dark=dark)
+            return drawn("scene_picture", self, dark=dark)
+        return drawn("run_picture", self, recording, dark=dark)
 
     def to_frame(self) -> pandas.DataFrame:
         """Return a row for each parameter: value, standard deviation, quantiles (SI), unit, status, prior, bounds.

@@ -236,10 +236,9 @@ class ConnectionJson(JsonTable):
 
 
 class DiagramJson(JsonTable):
-    """The model's structure; ``drawn`` says that its authors placed the parts, else they were laid out here."""
+    """The model's structure, as its authors placed the parts, with the place of an effect."""
 
     title: str = ""
-    drawn: bool = False
     components: list[ComponentJson] = []
     connections: list[ConnectionJson] = []
 

@@ -29,7 +29,7 @@ class Canvas:
 
     def __init__(self, width: float, height: float, alt: str, left: float | None = None) -> None:
         self._size = width, height
-        self._alt, self._left = alt, left
+        self.alt, self._left = alt, left
         self._parts: list[Markup] = []
         self._open: list[str] = []
 
@@ -121,7 +121,21 @@ class Canvas:
             size = Markup('style="--left:{:.0f}px;height:{}px"').format(self._left, height)
         kind = "plot" if self._left is None else "plot fluid"
         frame = Markup('<svg class="{}" {} role="img" aria-label="{}">{}</svg>')
-        return frame.format(kind, size, self._alt, Markup("").join(self._parts))
+        return frame.format(kind, size, self.alt, Markup("").join(self._parts))
+
+    def placed(self, top: float, axes: float) -> tuple[Markup, float, float]:
+        """Write the drawing as part of a larger one, ``top`` from its upper edge, with width and height of that part.
+
+        The axes are ``axes`` wide where the drawing takes the width that it finds."""
+        (width, height), left = self._size, self._left or 0.0
+        box = Markup('viewBox="0 0 {:g} {:g}"').format(width, height)
+        if self._left is not None:
+            width, box = axes, Markup('overflow="visible"')
+        frame = Markup(
+            '<svg class="plot" x="{:g}" y="{:g}" width="{:g}" height="{:g}" {} role="img" aria-label="{}">{}</svg>'
+        )
+        drawing = frame.format(left, top, width, height, box, self.alt, Markup("").join(self._parts))
+        return drawing, width + left + (14.0 if left else 0.0), height
 
     def _begin(self, element: str, start: Markup) -> None:
         self._open.append(element)
