@@ -14,8 +14,9 @@ from numpy.random import Generator
 
 from aero_bayes.modelica.compilers import export_fmu
 from aero_bayes.simulation.model import Model
-from aero_bayes.structure.compose import LawModels, law_models
+from aero_bayes.structure.attach import LawBlocks
 from aero_bayes.structure.law import Law, shipped_laws
+from aero_bayes.structure.law_models import LawModels, law_models
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
@@ -38,6 +39,12 @@ def laws() -> tuple[Law, ...]:
 @pytest.fixture(scope="session")
 def models(laws: tuple[Law, ...]) -> LawModels:
     return law_models(laws)
+
+
+@pytest.fixture(scope="session")
+def blocks(models: LawModels, tmp_path_factory: pytest.TempPathFactory) -> LawBlocks:
+    """The FMUs of laws, each built once."""
+    return LawBlocks(models, tmp_path_factory.mktemp("laws"))
 
 
 @pytest.fixture(scope="session")

@@ -9,9 +9,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from export_driver import driven
 from fmpy import extract
 from fmpy.fmi2 import FMU2Model
 from small_rigs import RIGS
+from written_laws import written_flat
 
 from aero_bayes.modelica.embedded import export_embedded, export_flat
 from aero_bayes.simulation.engines import open_simulator
@@ -19,7 +21,6 @@ from aero_bayes.simulation.interface import Experiment, InputSignal, Outcome, Pa
 from aero_bayes.simulation.model import Model
 from aero_bayes.simulation.workers import WorkerPool
 from aero_bayes.structure.candidates import place_laws
-from aero_bayes.structure.compose import compose_laws
 from aero_bayes.structure.law_places import LawPlaces
 from aero_bayes.structure.modelica_family import ModelicaFamily
 
@@ -87,17 +88,20 @@ def assert_equal(one, other, tolerance: float = 1e-7) -> float:
         ("Cart", ["rate_limit@F", "load_friction@v", "viscous_friction@v", "gain@q"]),
         ("TankPair", ["overflow@h1", "exchange@h1", "square_loss@h2", "second_storage@h1"]),
         ("Rlc", ["gain@u", "lag@u_C"]),
+        ("Cart", ["end_stop@v"]),
+        ("Shaft.Motor", ["heating@inductor.p"]),
     ],
 )
 def test_an_attached_law_is_the_law_in_the_equations(rig, ids, here, tmp_path, trust):
-    found = family(rig, tmp_path, RIGS / f"{rig}.mo")
+    source = RIGS / f"{rig.partition('.')[0]}.mo"
+    found = family(rig, tmp_path, source)
     ids = [id_ for id_ in found.placed if id_ in ids]
     offer = found.with_candidates(ids)
     placed_laws = [found.placed[id_] for id_ in ids]
     assert len(offer.model.states) == len(found.base_model().states) + sum(
         len(found.blocks.model(placed).states) for placed in placed_laws
     )
-    inside = compose_laws(found.places.flat, placed_laws, found.places.law_models)
+    inside = written_flat(rig, [source], placed_laws, tmp_path / "written")
     given = values_of(found, ids) | {v.name: v.start or 0.0 for v in found.base_model().parameters[:3]}
     written = Model.load(export_flat(inside, tmp_path / "in.fmu"))
     trust("attached", assert_equal(run(offer.model, given, here), run(written, given, here)))
@@ -225,3 +229,17 @@ def test_all_derivatives_at_once_are_those_of_one_direction_each(tmp_path):
     together = fmu.getDirectionalDerivative(asked, moved, np.arange(1.0, len(moved) + 1.0).tolist())
     np.testing.assert_allclose(found @ np.arange(1.0, len(moved) + 1.0), together, rtol=1e-12, atol=1e-12)
     assert np.count_nonzero(found) > len(asked)
+
+
+def test_the_sharper_model_has_a_quarter_of_the_width_also_of_a_law_that_is_written_as_a_term(modelica, tmp_path):
+    found = family("Slide", tmp_path, modelica(SLIDE))
+    written = found.extend(["coulomb_friction@v"], {"F_c": 0.8}, tmp_path / "written")
+    assert "F - F_c * tanh(v / " in written.text
+    assert written.sharper is not None
+    widths = []
+    for model in (written.model, written.sharper):
+        with driven(model.path) as fmu:
+            fmu.begin()
+            (rate,) = fmu.rhs(np.array([1e-6]))
+            widths.append(1e-6 / np.arctanh(-2.0 * rate / 0.8))
+    assert widths[1] == pytest.approx(widths[0] / 4.0, rel=1e-6)

@@ -16,6 +16,7 @@ from fmpy.validation import validate_fmu
 from numpy.random import Generator
 from numpy.typing import NDArray
 from small_rigs import RIGS, rig
+from written_laws import written_flat
 
 from aero_bayes.cli import main
 from aero_bayes.errors import InputError
@@ -35,7 +36,6 @@ from aero_bayes.simulation.model import Model
 from aero_bayes.structure.attach import LawBlocks, attached
 from aero_bayes.structure.balance import Port
 from aero_bayes.structure.candidates import PlacedLaw, find_candidates, place_law, ports_with_laws
-from aero_bayes.structure.compose import compose_laws
 from aero_bayes.structure.coupled_fmu import couple
 from aero_bayes.structure.fmu_family import FmuPlaces
 from aero_bayes.structure.law import Law
@@ -74,7 +74,7 @@ def run(path: Path) -> tuple[FloatArray, FloatArray]:
     t = np.linspace(0.0, 6.0, 301)
     signal = InputSignal("u", t, 2.0 * np.sign(np.sin(2.0 * t)) + np.sin(5.0 * t))
     names = ("m", "d", "u_d", "T_l", "T_d", "g", "F_c")
-    targets = (*map(ParameterTarget, names), StartTarget("x_unread" if path.stem == "coupled" else "delay.u"))
+    targets = (*map(ParameterTarget, names), StartTarget("x_unread" if path.stem == "coupled" else "x_true"))
     problem = Problem(
         model, (Experiment(t, ("x", "a"), (signal,)),), (targets,), settings=SolverSettings(1e-8, 1e-8, 100000, 20.0)
     )
@@ -90,7 +90,7 @@ def test_laws_around_an_fmu_are_the_laws_in_its_source(laws, models, tmp_path):
     plant = exported(tmp_path)
     flat = rig("Plant")
     inside = placed_laws(ports_with_laws(flat, laws), laws, flat)
-    export_flat(compose_laws(flat, inside, models), tmp_path / "source.fmu")
+    export_flat(written_flat("Plant", [RIGS / "Plant.mo"], inside, tmp_path), tmp_path / "source.fmu")
     around = FmuPlaces("Plant", fmu=plant.path)
     blocks = LawBlocks(models, tmp_path)
     couple(attached(around.opened(), placed_laws(around.ports, laws, flat), blocks), tmp_path / "coupled.fmu")

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy.signal import lsim
+from written_laws import written_flat
 
 from aero_bayes.modelica.embedded import export_flat
 from aero_bayes.simulation.engines import open_simulator
@@ -29,7 +30,6 @@ from aero_bayes.simulation.model import Model
 from aero_bayes.simulation.native_simulator import operators_in_use
 from aero_bayes.simulation.workers import WorkerPool
 from aero_bayes.structure.candidates import place_laws
-from aero_bayes.structure.compose import compose_laws
 from aero_bayes.structure.fmu_family import FmuFamily, FmuPlaces
 from aero_bayes.structure.law_places import LawPlaces
 from aero_bayes.structure.modelica_family import ModelicaFamily
@@ -87,7 +87,8 @@ def values_of(found: ModelicaFamily, id_: str) -> dict[str, float]:
 def inside(found: ModelicaFamily, ids: list[str], out: Path) -> Model:
     """The model with laws in its equations, as they are written."""
     placed = [found.placed[id_] for id_ in ids]
-    return Model.load(export_flat(compose_laws(found.places.flat, placed, found.places.law_models), out))
+    flat = written_flat(found.places.base, found.places.sources, placed, out.with_suffix(""))
+    return Model.load(export_flat(flat, out))
 
 
 def signals(interpolation: Interpolation) -> tuple[InputSignal, ...]:

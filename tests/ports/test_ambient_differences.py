@@ -112,11 +112,11 @@ def test_a_tyre_on_the_road_has_laws_of_its_deflection_only(tmp_path):
         (CAR, ("cubic_stiffness@v_w-road",)),
     ],
 )
-def test_what_is_written_moves_like_what_was_judged(source, ids, laws, models, tmp_path, rng):
+def test_what_is_written_moves_like_what_was_judged(source, ids, laws, blocks, tmp_path, rng):
     name = source.split()[1]
     (tmp_path / f"{name}.mo").write_text(source, encoding="utf-8")
     flat = load_flat(name, [tmp_path / f"{name}.mo"])
-    agree(name, [tmp_path / f"{name}.mo"], uses_at(flat, laws, *ids), models, tmp_path, rng)
+    agree(name, [tmp_path / f"{name}.mo"], uses_at(flat, laws, *ids), blocks, tmp_path, rng)
 
 
 C, G, LOSS, STEP = 300.0, 1.0, 0.02, 10.0

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from fmpy import simulate_fmu
 from numpy.typing import NDArray
+from written_laws import attached_to
 
 from aero_bayes.modelica.compose import add_output
 from aero_bayes.modelica.embedded import export_flat
@@ -16,7 +17,6 @@ from aero_bayes.modelica.flat import FlatModel
 from aero_bayes.modelica.rumoca_front import load_flat
 from aero_bayes.modelica.syntax import Call, Name, Number
 from aero_bayes.structure.candidates import PlacedLaw, find_candidates, place_law, ports_with_laws
-from aero_bayes.structure.compose import compose_laws
 from aero_bayes.structure.law import Law
 from aero_bayes.structure.write_model import write_laws
 
@@ -100,7 +100,7 @@ def moved(fmu: Path, inputs: Mapping[str, float]) -> NDArray[np.float64]:
 
 
 @pytest.mark.parametrize("form", FORMS)
-def test_laws_at_elements(form, laws, models, modelica, tmp_path):
+def test_laws_at_elements(form, laws, blocks, modelica, tmp_path):
     """A gain and an offset of inputs are other inputs; those of readings are done to the readings."""
     path = modelica(FORMS[form])
     name = "Rims.Rig" if "Rims" in FORMS[form] else "Rig"
@@ -113,8 +113,8 @@ def test_laws_at_elements(form, laws, models, modelica, tmp_path):
     other = {"u[1]": 1.0 + VALUES["offset@u[1]"], "u[2]": 2.0 * gains[0]}
     plain = moved(export_flat(flat, tmp_path / "plain.fmu"), other)
     expected = np.stack([plain[0] + VALUES["offset@y[1]"], plain[1] * gains[1]])
-    composed = moved(export_flat(compose_laws(flat, placed_laws, models), tmp_path / "composed.fmu"), given)
-    assert np.abs(composed - expected).max() < 1e-6
+    made = attached_to(flat, placed_laws, blocks, tmp_path / "attached")
+    assert np.abs(moved(made.path, given) - expected).max() < 1e-6
     written = write_laws([path], name, flat, placed_laws, tmp_path / "out")
     again = load_flat(written.name, [path, written.path])
     assert {n for placed in placed_laws for n in placed.names.values()} <= {v.name for v in again.variables}
@@ -122,7 +122,7 @@ def test_laws_at_elements(form, laws, models, modelica, tmp_path):
     assert np.abs(moved(export_flat(again, tmp_path / "written.fmu"), given) - expected).max() < 1e-6
 
 
-def test_two_laws_at_one_element(laws, models, modelica, tmp_path):
+def test_two_laws_at_one_element(laws, blocks, modelica, tmp_path):
     """The last one is the outermost: an offset before a gain is multiplied."""
     path = modelica(FORMS["matrices"])
     flat = load_flat("Rig", [path])
@@ -135,7 +135,7 @@ def test_two_laws_at_one_element(laws, models, modelica, tmp_path):
     plain = moved(export_flat(flat, tmp_path / "plain.fmu"), given | {"u[2]": 1.5 * (2.0 + 0.3)})
     written = write_laws([path], "Rig", flat, placed_laws, tmp_path / "out")
     files = (
-        export_flat(compose_laws(flat, placed_laws, models), tmp_path / "composed.fmu"),
+        attached_to(flat, placed_laws, blocks, tmp_path / "attached").path,
         export_flat(load_flat(written.name, [path, written.path]), tmp_path / "written.fmu"),
     )
     for file in files:

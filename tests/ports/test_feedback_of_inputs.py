@@ -93,19 +93,19 @@ def test_signals_of_a_loop_are_ports_and_what_is_only_fed_in_is_none(tmp_path):
 @pytest.mark.parametrize(
     "ids", [("saturation@u",), ("dead_zone@u", "gain@u", "coulomb_friction@v"), ("offset@y", "lag@e", "rate_limit@u")]
 )
-def test_what_is_written_at_a_signal_acts_like_what_was_judged(ids, laws, models, tmp_path, rng):
+def test_what_is_written_at_a_signal_acts_like_what_was_judged(ids, laws, blocks, tmp_path, rng):
     source = written(tmp_path)
-    made = agree("Axis", [source], uses_at(load_flat("Axis", [source]), laws, *ids), models, tmp_path, rng)
+    made = agree("Axis", [source], uses_at(load_flat("Axis", [source]), laws, *ids), blocks, tmp_path, rng)
     # what is asked for stays as it was written, at least its equation
     assert "u = K_p*" in made.text
 
 
 @pytest.mark.parametrize("ids", [("saturation@plant.u",), ("dead_zone@plant.u", "gain@plant.u"), ("lag@pi.y",)])
-def test_what_blocks_pass_on_is_a_port_and_its_connection_is_parted(ids, laws, models, tmp_path, rng):
+def test_what_blocks_pass_on_is_a_port_and_its_connection_is_parted(ids, laws, blocks, tmp_path, rng):
     (tmp_path / "Blocks.mo").write_text(BLOCKS, encoding="utf-8")
     flat = load_flat("Blocks.Rig", [tmp_path / "Blocks.mo"])
     assert {p.id for p in ports_with_laws(flat, laws) if p.attachment == "signal"} == {"plant.u", "pi.y"}
-    made = agree("Blocks.Rig", [tmp_path / "Blocks.mo"], uses_at(flat, laws, *ids), models, tmp_path, rng)
+    made = agree("Blocks.Rig", [tmp_path / "Blocks.mo"], uses_at(flat, laws, *ids), blocks, tmp_path, rng)
     inner = ids[0].partition("@")[2]
     assert f"  {inner} = {ids[0].partition('@')[0]}.y;" in made.text
     assert "connect(r, pi.r);" in made.text
@@ -135,13 +135,13 @@ end Chain;
 """
 
 
-def test_what_a_block_integrates_from_a_state_is_its_position(laws, models, modelica, tmp_path, rng):
+def test_what_a_block_integrates_from_a_state_is_its_position(laws, blocks, modelica, tmp_path, rng):
     source = modelica(INTEGRATORS.replace("GAIN", "1"))
     flat = load_flat("Chain.Rig", [source])
     port = next(p for p in ports_with_laws(flat, laws) if p.id == "rate.y")
     signals = {"v": "rate.y", "x": "level.y", "load": "2 * u - 0.8 * rate.y - 1.8 * level.y"}
     assert (port.kind, port.signals) == ("motion", signals)
-    agree("Chain.Rig", [source], uses_at(flat, laws, "cubic_stiffness@rate.y"), models, tmp_path, rng)
+    agree("Chain.Rig", [source], uses_at(flat, laws, "cubic_stiffness@rate.y"), blocks, tmp_path, rng)
     # with a gain of its own it is a level like any other
     source.write_text(INTEGRATORS.replace("GAIN", "3"), encoding="utf-8")
     kinds = {p.id: p.kind for p in ports_with_laws(load_flat("Chain.Rig", [source]), laws)}
@@ -260,13 +260,13 @@ end Filters;
 
 @pytest.mark.parametrize(("given", "states"), [("C*x", ("x[1]", "x[2]")), ("x[2]", ("x[2]",)), ("-x[2]", ("x[2]",))])
 def test_what_vectors_give_and_a_state_by_another_name_are_handed_on(
-    given, states, laws, models, modelica, tmp_path, rng
+    given, states, laws, blocks, modelica, tmp_path, rng
 ):
     source = modelica(FILTERS.replace("w = C*x", f"w = {given}"))
     flat = load_flat("Filters", [source])
     (port,) = (p for p in ports_with_laws(flat, laws) if p.attachment == "signal")
     assert (port.id, port.unit, port.states) == ("w", "V", states)
-    made = agree("Filters", [source], uses_at(flat, laws, "saturation_by_side@w", "lag@w"), models, tmp_path, rng)
+    made = agree("Filters", [source], uses_at(flat, laws, "saturation_by_side@w", "lag@w"), blocks, tmp_path, rng)
     assert f"= {given};" in made.text
     source.write_text(source.read_text().replace("B*u", "B*(u - 0.1*z[2])"), encoding="utf-8")
     assert not [p for p in ports_with_laws(load_flat("Filters", [source]), laws) if p.attachment == "signal"]

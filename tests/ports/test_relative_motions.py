@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from closed_form import runge_kutta
 from small_rigs import Numbers, explicit
-from written_laws import agree, uses_at
+from written_laws import agree, uses_at, written_flat
 
 from aero_bayes import FitSettings
 from aero_bayes.data import Recording
@@ -18,7 +18,6 @@ from aero_bayes.loop import LoopSettings, close_loop
 from aero_bayes.modelica.rumoca_front import load_flat
 from aero_bayes.structure.balance import Port
 from aero_bayes.structure.candidates import find_candidates, ports_with_laws
-from aero_bayes.structure.compose import compose_laws
 from aero_bayes.structure.law import shipped_laws
 
 CAR = """model Car "A quarter of a car"
@@ -128,11 +127,12 @@ def test_only_what_a_component_joins_has_a_place_beside_it(tmp_path):
     assert set(twist.laws) == set(ports["motor.fl"].laws) - {"attached_mass"}
 
 
-def test_what_acts_at_one_end_of_a_component_reacts_at_the_other(laws, models, tmp_path):
+def test_what_acts_at_one_end_of_a_component_reacts_at_the_other(laws, tmp_path):
     (tmp_path / "Drive.mo").write_text(DRIVE, encoding="utf-8")
     flat = load_flat("Drive", [tmp_path / "Drive.mo"])
     (placed,) = uses_at(flat, laws, "quadratic_drag@motor.fl-load.fl")
-    with_it, without = Numbers(explicit(compose_laws(flat, [placed], models))), Numbers(explicit(flat))
+    with_it = Numbers(explicit(written_flat("Drive", [tmp_path / "Drive.mo"], [placed], tmp_path)))
+    without = Numbers(explicit(flat))
     point = {**dict.fromkeys(without.names(), 0.0), "motor.w": 3.0, "load.w": 5.0}
     one, two = with_it(point), without(point)
     change = [one[f"der({rotor}.w)"] - two[f"der({rotor}.w)"] for rotor in ("motor", "load", "far")]
@@ -151,11 +151,11 @@ M_B, M_W, K_S, C_S, K_T, K_3 = 250.0, 40.0, 16000.0, 1500.0, 160000.0, 8e6
         (DRIVE, ("backlash@motor.fl-load.fl", "quadratic_drag@load.fl-far.fl", "coulomb_friction@load.fl")),
     ],
 )
-def test_a_written_law_between_two_motions_moves_them_as_judged(source, ids, laws, models, tmp_path, rng):
+def test_a_written_law_between_two_motions_moves_them_as_judged(source, ids, laws, blocks, tmp_path, rng):
     name = source.split()[1]
     (tmp_path / f"{name}.mo").write_text(source, encoding="utf-8")
     flat = load_flat(name, [tmp_path / f"{name}.mo"])
-    agree(name, [tmp_path / f"{name}.mo"], uses_at(flat, laws, *ids), models, tmp_path, rng)
+    agree(name, [tmp_path / f"{name}.mo"], uses_at(flat, laws, *ids), blocks, tmp_path, rng)
 
 
 def drive(name: str, seed: int) -> Recording:

@@ -9,14 +9,15 @@ import numpy as np
 import pytest
 from numpy.random import Generator
 from small_rigs import Numbers, explicit, rig, somewhere
+from written_laws import agree
 
 from aero_bayes.modelica.flat import FlatModel
 from aero_bayes.modelica.rumoca_front import load_flat
+from aero_bayes.structure.attach import LawBlocks
 from aero_bayes.structure.balance import Port
 from aero_bayes.structure.candidates import Candidate, place_law, ports_with_laws
-from aero_bayes.structure.compose import LawModels, compose_law
 from aero_bayes.structure.law import Law
-from aero_bayes.structure.write_model import reserved_names, write_laws
+from aero_bayes.structure.write_model import reserved_names
 
 ARM = """model Arm "Two joints; {how}"
   parameter Real a = 0.3, b = 0.05, c = 0.02, d[2](each unit = "N.m.s/rad") = {{0.1, 0.2}};
@@ -63,30 +64,28 @@ def added(
     sources: Sequence[Path],
     port: Port,
     laws: Sequence[Law],
-    models: LawModels,
+    blocks: LawBlocks,
     folder: Path,
     rng: Generator,
 ) -> tuple[dict[str, float], dict[str, float], str]:
     """A point, what viscous friction or a linear loss of 0.7 changes there in the rates, and the written text.
 
-    The written model says the same as the composed one.
+    The model with the law attached says the same as the written one.
     """
     flat = rig(model, *map(str, sources))
     law = next(law for law in laws if law.id in ("viscous_friction", "linear_loss") and law.id in port.laws)
     placed = place_law(Candidate(law, port), reserved_names(flat, sources), values={law.magnitude.name: 0.7})
-    composed = Numbers(explicit(compose_law(flat, placed, models)))
-    written = write_laws(list(sources), model, flat, [placed], folder)
+    written = agree(model, list(sources), [placed], blocks, folder, rng)
     again = Numbers(explicit(load_flat(written.name, [*sources, written.path])))
     base = Numbers(explicit(flat))
     point = somewhere(base.names(), rng)
-    before, after = base(point), composed(point)
-    assert again(point) == pytest.approx(after, rel=1e-11, abs=1e-13)
+    before, after = base(point), again(point)
     return point, {k: after[k] - before[k] for k in before}, written.text
 
 
 @pytest.mark.parametrize("how", ARMS)
 @pytest.mark.parametrize("joint", [1, 2])
-def test_a_torque_at_a_joint_moves_all_joints_by_the_mass_matrix(how, joint, laws, models, tmp_path, rng):
+def test_a_torque_at_a_joint_moves_all_joints_by_the_mass_matrix(how, joint, laws, blocks, tmp_path, rng):
     balance, expected = ARMS[how]
     sources = [tmp_path / "Arm.mo", tmp_path / "Modelica.mo"]
     sources[0].write_text(ARM.format(how=how, balance=balance), encoding="utf-8")
@@ -95,7 +94,7 @@ def test_a_torque_at_a_joint_moves_all_joints_by_the_mass_matrix(how, joint, law
     assert list(ports) == ["tau", "y", "v[1]", "v[2]"]
     port = ports[f"v[{joint}]"]
     assert (port.kind, port.unit, dict(port.signals)) == ("motion", "N.m", {"v": port.id, "x": f"q[{joint}]"})
-    at, change, text = added("Arm", sources, port, laws, models, tmp_path / "out", rng)
+    at, change, text = added("Arm", sources, port, laws, blocks, tmp_path / "out", rng)
     coupling = 0.05 * np.cos(at["q[2]"])
     torque = np.zeros(2)
     torque[joint - 1] = -0.7 * at[port.id]
@@ -135,11 +134,11 @@ end Chain;
         ),
     ],
 )
-def test_a_loss_of_one_element_of_a_loop_or_a_vector(n, balance, expected, laws, models, modelica, tmp_path, rng):
+def test_a_loss_of_one_element_of_a_loop_or_a_vector(n, balance, expected, laws, blocks, modelica, tmp_path, rng):
     path = modelica(CHAIN.format(n=n, balance=balance))
     ports = {p.id: p for p in ports_with_laws(rig("Chain", str(path)), laws)}
     assert list(ports) == ["P", "y", *(f"T[{k + 1}]" for k in range(n))]
-    at, change, text = added("Chain", [path], ports["T[2]"], laws, models, tmp_path / "out", rng)
+    at, change, text = added("Chain", [path], ports["T[2]"], laws, blocks, tmp_path / "out", rng)
     assert ports["T[2]"].unit == "W"
     capacity = np.linspace(2, 4, n)[1]
     moved = {k: v for k, v in change.items() if abs(v) > 1e-12}
@@ -147,7 +146,7 @@ def test_a_loss_of_one_element_of_a_loop_or_a_vector(n, balance, expected, laws,
     assert expected in text
 
 
-def test_one_of_an_array_of_components(laws, models, modelica, tmp_path, rng):
+def test_one_of_an_array_of_components(laws, blocks, modelica, tmp_path, rng):
     path = modelica(
         """model Vessel
   parameter Real A(unit = "m2") = 2;
@@ -169,7 +168,7 @@ end Plant;
         "Plant",
     )
     ports = {p.id: p for p in ports_with_laws(rig("Plant", str(path)), laws)}
-    at, change, text = added("Plant", [path], ports["tank[2].h"], laws, models, tmp_path / "out", rng)
+    at, change, text = added("Plant", [path], ports["tank[2].h"], laws, blocks, tmp_path / "out", rng)
     moved = {k: v for k, v in change.items() if v != 0.0}
     assert moved == pytest.approx({"der(tank[2].h)": -0.7 * at["tank[2].h"] / 2})
     assert "Vessel_tank tank[2](linear_loss_q = {0, linear_loss.q});" in text

@@ -12,10 +12,10 @@ from aero_bayes.simulation.interface import Experiment, Outcome, ParameterTarget
 from aero_bayes.simulation.model import Model
 from aero_bayes.structure.attach import LawBlocks, attached
 from aero_bayes.structure.candidates import Candidate, place_law
-from aero_bayes.structure.compose import LawModels, law_models
 from aero_bayes.structure.coupled_fmu import couple
 from aero_bayes.structure.fmu_family import FmuPlaces
 from aero_bayes.structure.law import Law, shipped_laws
+from aero_bayes.structure.law_models import LawModels, law_models
 
 pytestmark = pytest.mark.fast
 

@@ -45,11 +45,11 @@ from aero_bayes.simulation.model import Model
 from aero_bayes.simulation.workers import WorkerPool
 from aero_bayes.structure.balance import Port, PortKind, port_table, signal_expression
 from aero_bayes.structure.candidates import identifier
-from aero_bayes.structure.compose import with_probes
 from aero_bayes.structure.fmu_family import FmuPlaces
 from aero_bayes.structure.law_places import LawPlaces
 from aero_bayes.structure.modelica_family import ModelicaFamily
 from aero_bayes.structure.nominal_values import NOMINAL_QUANTILE, port_nominals
+from aero_bayes.structure.probes import with_probes
 
 PortRow = dict[str, Any]
 

@@ -35,41 +35,6 @@ _DEFAULTS = {"min": -math.inf, "max": math.inf, "nominal": 1.0, "start": 0.0, "f
 TRUE_SUFFIX, ACTING_SUFFIX = "_true", "_acting"
 
 
-def instantiate(flat: FlatModel, law: FlatModel, instance: str) -> FlatModel:
-    """Add all variables and equations of a law under the prefix ``instance.``.
-
-    The law's inputs become plain variables, which equations have to bind (:func:`equate`); its outputs are not those
-    of the whole."""
-    taken, own = {v.name for v in flat.variables}, {v.name for v in law.variables}
-    if any(f"{instance}.{name}" in taken for name in own):
-        raise InputError(f"{flat.name}: the instance {instance!r} is there already")
-
-    def moved(n: Name) -> Name:
-        return Name(f"{instance}.{n.name}", n.subscripts) if n.name in own else n
-
-    def under(e: FlatEquation) -> FlatEquation:
-        component = f"{instance}.{e.component}" if e.component else instance
-        return replace(e, left=map_names(e.left, moved), right=map_names(e.right, moved), component=component)
-
-    variables = tuple(
-        replace(
-            v,
-            name=f"{instance}.{v.name}",
-            causality="local",
-            attributes={k: map_names(t, moved) for k, t in v.attributes.items()},
-            binding=None if v.binding is None else map_names(v.binding, moved),
-        )
-        for v in law.variables
-    )
-    return replace(
-        flat,
-        variables=flat.variables + variables,
-        equations=flat.equations + tuple(map(under, law.equations)),
-        initial_equations=flat.initial_equations + tuple(map(under, law.initial_equations)),
-        functions={**law.functions, **flat.functions},
-    )
-
-
 def equate(flat: FlatModel, name: str, expression: Expression) -> FlatModel:
     """Add the equation ``name = expression``, ``x[1]`` for an element; the last one of the result."""
     left = parse_reference(name)

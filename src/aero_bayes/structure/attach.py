@@ -7,7 +7,7 @@ the states and parameters of its own terms only."""
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -24,7 +24,6 @@ from aero_bayes.simulation.model import Model
 from aero_bayes.simulation.model_description import Variable
 from aero_bayes.structure.balance import Port, signal_parts
 from aero_bayes.structure.candidates import PlacedLaw
-from aero_bayes.structure.compose import LawModels
 from aero_bayes.structure.coupled_fmu import (
     BASE,
     INPUT,
@@ -39,6 +38,7 @@ from aero_bayes.structure.coupled_fmu import (
 )
 from aero_bayes.structure.held_step import step_of, with_held_step
 from aero_bayes.structure.law import Law
+from aero_bayes.structure.law_models import LawModels
 from aero_bayes.structure.open_ports import OpenModel
 
 #: Suffix of the input that is the derivative of another input.
@@ -304,17 +304,11 @@ class _Attaching:
                 found.append((source, gain))
         return tuple(found)
 
-    def _given(self, placed: PlacedLaw) -> Mapping[str, str]:
-        """Return the signal of the model that each input of a law is."""
-        if placed.law.kind == "exchange" and placed.neighbour is not None:
-            return {"h_1": placed.port.signals["h"], "h_2": placed.neighbour.signals["h"]}
-        return placed.port.signals
-
     def _read(self, placed: PlacedLaw) -> dict[str, Terms]:
         """Return what each input of a law is set to."""
         inputs = {v.name for v in self.blocks.model(placed).inputs}
         found = {}
-        for name, signal in self._given(placed).items():
+        for name, signal in placed.read.items():
             if name in inputs:
                 outer = self.outputs.get(signal) if placed.port.attachment == "output" else None
                 found[name] = self._terms(signal) if outer is None else ((outer, 1.0),)
@@ -338,8 +332,7 @@ class _Attaching:
         return frozenset[str]().union(*(self.base.needs.get(s, frozenset()) for s in sources if s.part == BASE))
 
     def _probes_of(self, placed: PlacedLaw) -> set[str]:
-        ports = [placed.port, *([placed.neighbour] if placed.neighbour is not None else [])]
-        return {self.base.probes[p.id] for p in ports}
+        return {self.base.probes[port.id] for port, _, _ in placed.terms}
 
     def _awaits(self, placed: PlacedLaw, waiting: Sequence[PlacedLaw]) -> bool:
         """Return whether a law needs what another law that waits, or itself, gives."""
@@ -355,11 +348,9 @@ class _Attaching:
             before, acts = self._terms(signals["u"]), self._acts(placed)
             self._probe(port.id, ((acts, 1.0), *((source, -gain) for source, gain in before)))
             self.changed[signals["u"]] = ((acts, 1.0),)
-        else:
-            self._probe(port.id, ((self._acts(placed), 1.0),))
-            if placed.neighbour is not None:
-                other = self._acts(placed, "q_2" if placed.law.kind == "overflow" else "")
-                self._probe(placed.neighbour.id, ((other, -1.0),))
+            return
+        for balance, output, sign in placed.terms:
+            self._probe(balance.id, ((self._acts(placed, output), float(sign)),))
 
     def _probe(self, port: str, terms: Terms) -> None:
         name = self.base.probes[port]

@@ -27,8 +27,16 @@ _COMMA = frozenset({","})
 class BalanceWriter:
     """Writes laws into balance equations."""
 
-    def __init__(self, target: ClassWithLaws, known: Sources, flat: FlatModel, structure: AliasStructure) -> None:
+    def __init__(
+        self,
+        target: ClassWithLaws,
+        known: Sources,
+        flat: FlatModel,
+        structure: AliasStructure,
+        max_formula_length: int,
+    ) -> None:
         self.target, self.known, self.flat, self.structure = target, known, flat, structure
+        self.max_formula_length = max_formula_length
         self.whole_numbers = {
             v.name: round(attribute_value(flat, v.name, "value"))
             for v in flat.variables
@@ -36,19 +44,15 @@ class BalanceWriter:
         }
 
     def write(self, placed: PlacedLaw) -> None:
-        given, exchange = dict(placed.port.signals), placed.law.kind == "exchange"
-        if exchange and placed.neighbour is not None:
-            given = {"h_1": placed.port.signals["h"], "h_2": placed.neighbour.signals["h"]}
         # a reading that is a state has a name of its own for what it was
-        given = {signal: self._read(name) for signal, name in given.items()}
-        near = all(not equation_of(self.flat, p).component for p in (placed.port, placed.neighbour) if p is not None)
+        given = {signal: self._read(name) for signal, name in placed.read.items()}
+        near = all(not equation_of(self.flat, port).component for port, _, _ in placed.terms)
         text = formula(placed.law, nominals=placed.all_nominals, names={**given, **placed.names}) if near else None
-        if text is None or len(text) > MAX_FORMULA_LENGTH:
+        if text is None or len(text) > self.max_formula_length:
             self.target.declare(placed, given, {})
-            text = f"{placed.instance}.{placed.law.interface.output}"
-        self._term(placed.port, text, 1)
-        if placed.neighbour is not None:
-            self._term(placed.neighbour, f"{placed.instance}.q_2" if placed.law.kind == "overflow" else text, -1)
+            text = None
+        for port, output, sign in placed.terms:
+            self._term(port, text or f"{placed.instance}.{output}", sign)
 
     def _read(self, given: str) -> str:
         """Return a signal with its variables as they are called beside laws at inputs and outputs."""

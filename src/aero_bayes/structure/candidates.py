@@ -217,6 +217,21 @@ class PlacedLaw(Candidate):
         return self.law.has_states and not self.moved_input
 
     @property
+    def read(self) -> Mapping[str, str]:
+        """The signals of the model that the inputs of the law are."""
+        if self.law.kind == "exchange" and self.neighbour is not None:
+            return {"h_1": self.port.signals["h"], "h_2": self.neighbour.signals["h"]}
+        return self.port.signals
+
+    @property
+    def terms(self) -> tuple[tuple[Port, str, int], ...]:
+        """The ports at which an output of the law is added, that output, and 1 where it opposes a change, else -1."""
+        own = self.law.interface.output
+        if self.neighbour is None:
+            return ((self.port, own, 1),)
+        return (self.port, own, 1), (self.neighbour, "q_2" if self.law.kind == "overflow" else own, -1)
+
+    @property
     def all_nominals(self) -> dict[str, float]:
         """The nominal values, with defaults of those that are not given."""
         return {**self.law.nominals, **{k: float(v) for k, v in self.nominals.items() if k in self.law.nominals}}

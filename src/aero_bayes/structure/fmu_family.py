@@ -224,7 +224,7 @@ def _equations(
         """Add equations for the inputs of a law; ``signal`` is what it acts on."""
         for s in placed.law.interface.inputs:
             if s in placed.law.used_inputs:
-                given = placed.port.signals[s]
+                given = placed.read[s]
                 found.append(f"{placed.instance}.{s} = {signal if s == 'u' and signal else inside.get(given, given)}")
 
     for k, (v, outside) in enumerate(coupling.inputs):
@@ -236,7 +236,9 @@ def _equations(
         for placed in placed_laws:
             if placed.port.balance is not None and placed.port.balance.equation == k:
                 read(placed)
-                terms += f" - {placed.instance}.{placed.law.interface.output}"
+                terms += "".join(
+                    f" {'-' if sign > 0 else '+'} {placed.instance}.{out}" for _, out, sign in placed.terms
+                )
         found.append(f"{PLANT}.{_reference(v.name)} = {signal}{terms}")
     for v in inner.outputs:
         if v.kind == "real":

@@ -24,12 +24,12 @@ from aero_bayes.structure.candidates import (
     ports_with_laws,
     with_twins,
 )
-from aero_bayes.structure.compose import LawModels, law_models
 from aero_bayes.structure.law import (
     Law,
     read_laws,
     shipped_laws,
 )
+from aero_bayes.structure.law_models import LawModels, law_models
 from aero_bayes.structure.write_model import can_be_written, reserved_names
 from aero_bayes.unknown_names import closest_name
 

@@ -19,6 +19,7 @@ from aero_bayes.estimate.local_fit import Optimum
 from aero_bayes.estimate.parameters import Parameter, ParameterSet
 from aero_bayes.estimate.priors import LogUniform, Normal
 from aero_bayes.estimate.simulation_error import sharpened
+from aero_bayes.files import ScratchFolder
 from aero_bayes.modelica.embedded import export_flat
 from aero_bayes.modelica.flat import FlatModel
 from aero_bayes.modelica.library import declared_members
@@ -40,7 +41,6 @@ from aero_bayes.structure.candidates import (
     place_laws,
     with_moved_input,
 )
-from aero_bayes.structure.compose import compose_laws
 from aero_bayes.structure.coupled_fmu import couple
 from aero_bayes.structure.law import START_PREFIX
 from aero_bayes.structure.law_places import START, LawPlaces, is_held
@@ -318,20 +318,25 @@ class ModelicaFamily:
     def _with(self, placed_laws: Sequence[PlacedLaw]) -> Model:
         with suppress(AlgebraicLoopError):
             return self._attached(placed_laws)
-        return self._export(self._composed(placed_laws), "candidates")
+        return self._export(self._compiled_together(placed_laws), "candidates")
 
-    def _composed(self, placed_laws: Sequence[PlacedLaw]) -> FlatModel:
-        """Return the flat model with laws, all compiled together."""
-        return compose_laws(self.places.flat, placed_laws, self.places.law_models)
+    def _compiled_together(self, placed_laws: Sequence[PlacedLaw]) -> FlatModel:
+        """Return the flat model of the written model, in which each law is a component."""
+        if not placed_laws:
+            return self.places.flat
+        sources, libraries = self.places.sources, self.places.libraries
+        with ScratchFolder() as folder:
+            written = write_laws(sources, self.places.base, self.places.flat, placed_laws, folder, max_formula_length=0)
+            return load_flat(written.name, (*sources, written.path), libraries)
 
     def _sharper(self, placed_laws: Sequence[PlacedLaw], model: Model) -> Model | None:
         """Return the simulated model with narrower roundings; None where it has none that are constants."""
-        flat = self._composed([placed for placed in placed_laws if not placed.moved_input])
+        flat = self._compiled_together([placed for placed in placed_laws if not placed.moved_input])
         narrow = sharpened(flat, [v.name for v in model.parameters])
         return self._export(narrow, "sharper") if narrow is not None else None
 
     def _ordered(self, ids: Iterable[str]) -> list[PlacedLaw]:
-        """Return placed laws, and their twins, in the order in which they are composed.
+        """Return placed laws, and their twins, in the order in which they act.
 
         It is that of the candidates, whatever the order of ``ids``: of two laws at one signal the first is the inner
         one. Laws that need the derivative of a reading come first."""

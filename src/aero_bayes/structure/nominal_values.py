@@ -23,7 +23,7 @@ from aero_bayes.simulation.interface import InputSignal, Outcome
 from aero_bayes.simulation.model import Model
 from aero_bayes.structure.aliases import AliasStructure, alias_structure
 from aero_bayes.structure.balance import KELVIN, Port, signal_expression
-from aero_bayes.structure.compose import with_probe
+from aero_bayes.structure.probes import with_probe
 
 #: The nominal value of a signal is this quantile of its absolute values.
 NOMINAL_QUANTILE = 0.995

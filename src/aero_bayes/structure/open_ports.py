@@ -20,8 +20,9 @@ from aero_bayes.simulation.model import Model
 from aero_bayes.structure.aliases import AliasStructure, alias_structure
 from aero_bayes.structure.balance import signal_expression, signal_parts
 from aero_bayes.structure.candidates import PlacedLaw, identifier
-from aero_bayes.structure.compose import LawModels, with_probe
 from aero_bayes.structure.coupled_fmu import BASE, INPUT, STATE, UNREAD_SUFFIX, Source, Terms
+from aero_bayes.structure.law_models import LawModels
+from aero_bayes.structure.probes import with_probe
 
 
 @dataclass(frozen=True, eq=False)

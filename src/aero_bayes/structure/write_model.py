@@ -21,7 +21,7 @@ from aero_bayes.modelica.sources import SourceFile, Sources, modelica_files, rea
 from aero_bayes.modelica.syntax import parse_reference
 from aero_bayes.structure.aliases import AliasStructure, alias_structure
 from aero_bayes.structure.balance import DIFFERENCE, Attachment, Port
-from aero_bayes.structure.balance_writer import BalanceWriter, class_of, equation_of
+from aero_bayes.structure.balance_writer import MAX_FORMULA_LENGTH, BalanceWriter, class_of, equation_of
 from aero_bayes.structure.candidates import PlacedLaw
 from aero_bayes.structure.class_with_laws import ClassWithLaws, without_indices
 
@@ -33,21 +33,17 @@ class ConnectionWriter:
         self.target, self.known, self.structure = target, known, structure
 
     def write_at_node(self, placed: PlacedLaw) -> None:
-        port, exchange = placed.port, placed.law.kind == "exchange"
-        ends = {"port": port.connectors[0]}
-        acts = placed.law.interface.output
-        flows = [f"port.{port.flow} = {acts};"]
+        port = placed.port
+        terms = dict(zip(("port", "neighbour"), placed.terms, strict=False))
+        ends = {end: at.connectors[0] for end, (at, _, _) in terms.items()}
+        flows = [f"{end}.{at.flow} = {'' if sign > 0 else '-'}{out};" for end, (at, out, sign) in terms.items()]
         inside = self._inside(port)
-        if placed.neighbour is not None:
-            ends["neighbour"] = placed.neighbour.connectors[0]
-            taken = "q_2" if placed.law.kind == "overflow" else placed.law.interface.output
-            flows.append(f"neighbour.{placed.neighbour.flow} = -{taken};")
-        if exchange:
+        if placed.law.kind == "exchange":
             inside = {"h_1": f"port.{port.potential}", "h_2": f"neighbour.{port.potential}"}
         elif placed.neighbour is not None and port.kind == "motion":
             other = {k: v.replace("port.", "neighbour.") for k, v in self._inside(placed.neighbour).items()}
             inside = {k: f"{v}{DIFFERENCE}{other[k]}" for k, v in inside.items() if k in other}
-        given = {k: v for k, v in port.signals.items() if k not in inside}
+        given = {k: v for k, v in placed.read.items() if k not in inside}
         self.target.declare(placed, given, inside, self._connectors(port, *ends), flows)
         self.target.equations += [f"connect({placed.instance}.{end}, {outer});" for end, outer in ends.items()]
 
@@ -228,9 +224,14 @@ _WRITING_ORDER: Mapping[Attachment, int] = {"output": 0, "input": 1}
 
 
 def with_laws_written(
-    known: Sources, user: tuple[SourceFile, ClassText], flat: FlatModel, placed_laws: Sequence[PlacedLaw], title: str
+    known: Sources,
+    user: tuple[SourceFile, ClassText],
+    flat: FlatModel,
+    placed_laws: Sequence[PlacedLaw],
+    title: str,
+    max_formula_length: int,
 ) -> ClassWithLaws:
-    """Return the user's class with laws."""
+    """Return the user's class with laws; those with a longer formula, and all others but terms, are components."""
     structure = alias_structure(flat)
     target = ClassWithLaws(
         known, user, placed_laws, title, inherits=_edits_base_class(known, user[1], flat, placed_laws)
@@ -240,7 +241,7 @@ def with_laws_written(
         "input": signals.write_at_input,
         "output": signals.write_at_output,
         "signal": signals.write_at_signal,
-        "equation": BalanceWriter(target, known, flat, structure).write,
+        "equation": BalanceWriter(target, known, flat, structure, max_formula_length).write,
         "node": connections.write_at_node,
         "series": connections.write_in_series,
     }
@@ -349,13 +350,14 @@ def write_laws(
     placed_laws: Sequence[PlacedLaw],
     out_dir: Path | str,
     name: str = "",
+    max_formula_length: int = MAX_FORMULA_LENGTH,
 ) -> WrittenModel:
     """Write a model with laws to ``out_dir/<name>.mo``.
 
     If all laws are at connections, the model extends the class of the user. Otherwise it is a copy of that class, with
-    comments and layout kept."""
+    comments and layout kept. With a ``max_formula_length`` of 0 all laws are components, whose constants have names."""
     title = name or _name(model, placed_laws)
-    text, before, old = _edited_source(sources, model, flat, placed_laws, title)
+    text, before, old = _edited_source(sources, model, flat, placed_laws, title, max_formula_length)
     path = Path(out_dir) / f"{title}.mo"
     path.parent.mkdir(parents=True, exist_ok=True)
     write_whole(path, text)
@@ -377,11 +379,16 @@ def _name(model: str, placed_laws: Sequence[PlacedLaw]) -> str:
 
 
 def _edited_source(
-    sources: Sequence[Path], model: str, flat: FlatModel, placed_laws: Sequence[PlacedLaw], title: str
+    sources: Sequence[Path],
+    model: str,
+    flat: FlatModel,
+    placed_laws: Sequence[PlacedLaw],
+    title: str,
+    max_formula_length: int = MAX_FORMULA_LENGTH,
 ) -> tuple[str, str, str]:
     """Return the text with laws, and the text before with its name, for the diff."""
     known = read_sources(sources, flat)
     found = known.find(model)
-    target = with_laws_written(known, found, flat, placed_laws, title)
+    target = with_laws_written(known, found, flat, placed_laws, title, max_formula_length)
     before, old = ("", "/dev/null") if target.extends else (target.original(), found[0].file)
     return target.written(), before, old
