@@ -33,7 +33,7 @@ from aero_bayes.loop.first_fit import LoopStatistics
 from aero_bayes.loop.models import ModelSource
 from aero_bayes.loop.search import Effort, Library, Search
 from aero_bayes.loop.table import law_of
-from aero_bayes.modelica.compose import add_parameter, equate
+from aero_bayes.modelica.compose import add_parameter
 from aero_bayes.modelica.embedded import export_flat
 from aero_bayes.modelica.flat import FlatModel
 from aero_bayes.modelica.library import path_in_library
@@ -49,7 +49,7 @@ from aero_bayes.structure.fmu_family import FmuPlaces
 from aero_bayes.structure.law_places import LawPlaces
 from aero_bayes.structure.modelica_family import ModelicaFamily
 from aero_bayes.structure.nominal_values import NOMINAL_QUANTILE, port_nominals
-from aero_bayes.structure.probes import with_probes
+from aero_bayes.structure.probes import with_drive
 
 PortRow = dict[str, Any]
 
@@ -173,10 +173,12 @@ def _port_responses(family: ModelicaFamily, found: Fit) -> tuple[dict[str, float
     flat = family.places.flat
     ports = [p for p in family.places.ports if p.attachment in ("input", "output", "signal") or p.balance is not None]
     sizes = port_nominals(flat, ports, found.calibration, found.optimum, open_simulator)
-    flat, probed = _with_probes(flat, ports, sizes)
+    readings = [p for p in ports if p.attachment == "output"]
+    inside = [p for p in ports if p.attachment != "output"]
+    flat, probed = _with_probes(flat, inside, sizes)
     model = Model.load(export_flat(flat, family.folder / "probed.fmu"))
     own = len(found.calibration.parameters)
-    probes = [_probe(name, p, sizes[p.id][PROBE_SIZES[p.kind]]) for p in ports for name in probed[p.id]]
+    probes = [_probe(name, p, sizes[p.id][PROBE_SIZES[p.kind]]) for p in inside for name in probed[p.id]]
     calibration = family.transfer(found.calibration, model)
     calibration = replace(calibration, parameters=calibration.parameters.extended(probes))
     free = found.free
@@ -187,13 +189,13 @@ def _port_responses(family: ModelicaFamily, found: Fit) -> tuple[dict[str, float
         if run is None:
             raise InputError(f"{family.places.base}: cannot be simulated with probes at its ports")
         assert run.slopes is not None
-        late, whose = _delay_responses(objective, run.predicted, ports, sizes)
-        slopes = tuple(np.concatenate(rows) for rows in zip(run.slopes, late, strict=True))
+        changed, likes = _reading_responses(objective, run.predicted, readings, sizes)
+        slopes = tuple(np.concatenate(rows) for rows in zip(run.slopes, changed, strict=True))
         noises = (found.optimum.noise, _noise_of_readings(found))
         whitened = [objective.whiten(replace(run, slopes=slopes), noise).slopes for noise in noises]
     seen = [(rows[: len(free)], rows[len(free) :]) for rows in whitened]
     left = np.max([np.linalg.norm(_orthogonal_part(rows, own), axis=1) for own, rows in seen], axis=0)
-    kinds = [(p.id, like) for p in ports for like in probed[p.id].values()] + [(id_, "a lag") for id_ in whose]
+    kinds = [(p.id, like) for p in inside for like in probed[p.id].values()] + likes
     free_names, imitated = [found.calibration.parameters.names[j] for j in free], dict[str, dict[str, str]]()
     for (id_, like), size, row in zip(kinds, left, seen[0][1], strict=True):
         if visibility(size) == "no" and visibility(float(np.linalg.norm(row))) == "yes":
@@ -227,25 +229,27 @@ def _noise_of_readings(found: Fit) -> dict[str, OutputNoise]:
     return noise
 
 
-def _delay_responses(
+def _reading_responses(
     objective: Objective,
     predicted: Sequence[FloatArray],
     ports: Sequence[Port],
     sizes: Mapping[str, Mapping[str, float]],
-) -> tuple[list[FloatArray], list[str]]:
-    """Return responses to readings that come late, (q, n) a series, and the ports at which they do.
+) -> tuple[list[FloatArray], list[tuple[str, str]]]:
+    """Return responses to readings that are off, by a share, or late, (3 q, n) a series; and port and kind of each.
 
     A small delay takes its time's worth of the rate from an output, as a lag does; here as much as makes the largest
     change as large as the output."""
-    outputs = [p for p in ports if p.attachment == "output"]
     rates = [np.gradient(y, s.sampling.time) for s, y in zip(objective.series, predicted, strict=True)]
-    rows = [np.zeros((len(outputs), rate.size)) for rate in rates]
-    for q, port in enumerate(outputs):
+    rows = [np.zeros((3 * len(ports), rate.size)) for rate in rates]
+    for q, port in enumerate(ports):
         own = [k for k, series in enumerate(objective.series) if series.output == port.signals["u"]]
         fastest = np.quantile(np.abs(np.concatenate([rates[k] for k in own])), NOMINAL_QUANTILE) if own else 0.0
-        for k in own if fastest > 0.0 else ():
-            rows[k][q] = -sizes[port.id][PROBE_SIZES[port.kind]] / fastest * rates[k]
-    return rows, [port.id for port in outputs]
+        size = sizes[port.id][PROBE_SIZES[port.kind]]
+        for k in own:
+            late = -size / fastest * rates[k] if fastest > 0.0 else np.zeros_like(rates[k])
+            rows[k][3 * q : 3 * q + 3] = np.full_like(rates[k], size), predicted[k], late
+    kinds = [(p.id, like) for p in ports for like in ("a constant", f"proportional to {p.signals['u']}", "a lag")]
+    return rows, kinds
 
 
 def _with_probes(
@@ -254,39 +258,29 @@ def _with_probes(
     """Return the model with parameters at every port whose exact sensitivities are the responses to its probes.
 
     Also what each probe is like, by port and parameter."""
-    probed, inputs = with_probes(flat, ports)
     names: dict[str, dict[str, str]] = {}
-    variables = tuple(replace(v, causality="local") if v.name in inputs.values() else v for v in probed.variables)
-    probed = replace(probed, variables=variables)
     for port in ports:
         whole: Expression = Number(0.0)
         names[port.id] = {}
-        for k, (like, shape) in enumerate(_shapes(port, sizes[port.id], inputs[port.id])):
-            name = f"{inputs[port.id]}_{k}"
-            probed = add_parameter(probed, name, 0.0, port.unit)
+        for k, (like, shape) in enumerate(_shapes(port, sizes[port.id])):
+            name = f"probe_{identifier(port.id)}_{k}"
+            flat = add_parameter(flat, name, 0.0, port.unit)
             whole = Call("+", (whole, Call("*", (Name(name), shape))))
             names[port.id][name] = like
-        probed = equate(probed, inputs[port.id], whole)
-    return probed, names
+        flat = with_drive(flat, port, whole, next((p for p in ports if p.id in port.neighbours[:1]), None))
+    return flat, names
 
 
-def _shapes(port: Port, sizes: Mapping[str, float], probe_name: str) -> list[tuple[str, Expression]]:
+def _shapes(port: Port, sizes: Mapping[str, float]) -> list[tuple[str, Expression]]:
     """Return shapes of the probes at a port, scaled to size one: a constant, and functions of each signal."""
     found: list[tuple[str, Expression]] = [("a constant", Number(1.0))]
     for signal, variable in port.signals.items():
         if f"{signal}_n" not in sizes:
             continue
-        # an output as it was before the probe
-        tree = (
-            Name(f"{identifier(variable)}_without_{probe_name}")
-            if port.attachment == "output"
-            else signal_expression(variable)
-        )
-        level: Expression = tree
+        level = signal_expression(variable)
         if "h_0" in sizes:
-            level = Call(
-                "-", (tree, signal_expression(port.signals["h_s"]) if "h_s" in port.signals else Number(sizes["h_0"]))
-            )
+            zero = signal_expression(port.signals["h_s"]) if "h_s" in port.signals else Number(sizes["h_0"])
+            level = Call("-", (level, zero))
         share = Call("/", (level, Number(sizes[f"{signal}_n"])))
         found.append((f"proportional to {variable}", share))
         if port.kind == "input":

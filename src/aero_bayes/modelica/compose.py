@@ -42,12 +42,6 @@ def equate(flat: FlatModel, name: str, expression: Expression) -> FlatModel:
     return replace(flat, equations=(*flat.equations, FlatEquation(left, expression, "added")))
 
 
-def add_variable(flat: FlatModel, name: str, unit: str = "", description: str = "", **attributes: float) -> FlatModel:
-    """Add a continuous variable with attributes such as ``start`` and ``fixed``; an equation has to determine it."""
-    v = FlatVariable(name, unit=unit, description=description, attributes=_attributes(attributes))
-    return _with(flat, v)
-
-
 def add_input(flat: FlatModel, name: str, unit: str = "", description: str = "", start: float = 0.0) -> FlatModel:
     """Add an input of the whole model."""
     if "." in name:
