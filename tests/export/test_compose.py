@@ -29,30 +29,10 @@ from aero_bayes.modelica.syntax import Call, Name, Number, names_in
 
 Write = Callable[..., Path]
 
-LAW = """within ;
-model Coulomb
-  input Real v(unit = "rad/s");
-  output Real f(unit = "N.m");
-  parameter Real f_n(unit = "N.m") = 2;
-  parameter Real v_s = 0.5;
-  parameter Real F_c(unit = "N.m", min = 0, max = 10 * f_n, nominal = 0.1 * f_n) = 1e-3 "Level";
-  parameter Real table[3] = {1, 2, 4};
-  Real z(start = 0.25, fixed = true);
-equation
-  f = F_c * tanh(v / v_s) + z;
-  der(z) = table[2] * (v - z);
-end Coulomb;
-"""
-
 
 @pytest.fixture(scope="module")
 def base() -> FlatModel:
     return load_flat("Aero.Systems.OneDof")
-
-
-@pytest.fixture
-def law(modelica: Write) -> FlatModel:
-    return load_flat("Coulomb", [modelica(LAW)])
 
 
 def test_the_flat_model_says_where_everything_comes_from(base):
@@ -101,7 +81,22 @@ def test_uses_of_an_input_pass_through_a_law(base, tmp_path):
             assert rate == pytest.approx(rates[names.get(name, name)], rel=1e-12), name
 
 
-def test_attributes_are_evaluated_over_parameters(law):
+def test_attributes_are_evaluated_over_parameters(modelica: Write):
+    law = load_flat(
+        "Sized",
+        [
+            modelica("""model Sized
+  parameter Real f_n = 2;
+  parameter Real v_s = 0.5;
+  parameter Real F_c(min = 0, max = 10 * f_n, nominal = 0.1 * f_n) = 1e-3;
+  parameter Real table[3] = {1, 2, 4};
+  Real z(start = 0.25, fixed = true);
+equation
+  der(z) = -z;
+end Sized;
+""")
+        ],
+    )
     assert attribute_value(law, "F_c", "max") == 20.0
     assert attribute_value(law, "F_c", "max", {"f_n": 0.5}) == 5.0
     assert attribute_value(law, "F_c", "nominal", {"f_n": 0.5}) == pytest.approx(0.05)

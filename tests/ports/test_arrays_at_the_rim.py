@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from fmpy import simulate_fmu
 from numpy.typing import NDArray
-from written_laws import attached_to
+from written_laws import attached_to, written_flat
 
 from aero_bayes.modelica.compose import add_output
 from aero_bayes.modelica.embedded import export_flat
@@ -18,7 +18,6 @@ from aero_bayes.modelica.rumoca_front import load_flat
 from aero_bayes.modelica.syntax import Call, Name, Number
 from aero_bayes.structure.candidates import PlacedLaw, find_candidates, place_law, ports_with_laws
 from aero_bayes.structure.law import Law
-from aero_bayes.structure.write_model import write_laws
 
 FORMS = {
     "matrices": """model Rig
@@ -78,14 +77,13 @@ end Rig;
 VALUES = {"gain@u[2]": 0.5, "offset@u[1]": 0.3, "offset@y[1]": 0.2, "gain@y[2]": 0.25}
 
 
-def uses_at(flat: FlatModel, laws: tuple[Law, ...], ids: tuple[str, ...]) -> list[PlacedLaw]:
+def uses_at(flat: FlatModel, laws: tuple[Law, ...], values: Mapping[str, float]) -> list[PlacedLaw]:
     by_id = {c.id: c for c in find_candidates(ports_with_laws(flat, laws), laws)}
     taken = {v.name for v in flat.variables}
     placed_laws = []
-    for id_ in ids:
+    for id_, value in values.items():
         c = by_id.get(id_.replace("@", "@output_")) or by_id[id_]
-        (p,) = c.law.parameters
-        placed = place_law(c, taken, nominals={"u_n": 1.0}, values={p.name: VALUES[id_]})
+        placed = place_law(c, taken, nominals={"u_n": 1.0}, values={c.law.magnitude.name: value})
         taken |= {placed.instance, *placed.names.values()}
         placed_laws.append(placed)
     return placed_laws
@@ -107,7 +105,7 @@ def test_laws_at_elements(form, laws, blocks, modelica, tmp_path):
     flat = load_flat(name, [path])
     ids = {p.id.removeprefix("output_") for p in ports_with_laws(flat, laws)}
     assert ids >= {"u[1]", "u[2]", "y[1]", "y[2]"}
-    placed_laws = uses_at(flat, laws, ("gain@u[2]", "offset@u[1]", "offset@y[1]", "gain@y[2]"))
+    placed_laws = uses_at(flat, laws, VALUES)
     given = {"u[1]": 1.0, "u[2]": 2.0}
     gains = 1.0 + VALUES["gain@u[2]"], 1.0 + VALUES["gain@y[2]"]
     other = {"u[1]": 1.0 + VALUES["offset@u[1]"], "u[2]": 2.0 * gains[0]}
@@ -115,8 +113,7 @@ def test_laws_at_elements(form, laws, blocks, modelica, tmp_path):
     expected = np.stack([plain[0] + VALUES["offset@y[1]"], plain[1] * gains[1]])
     made = attached_to(flat, placed_laws, blocks, tmp_path / "attached")
     assert np.abs(moved(made.path, given) - expected).max() < 1e-6
-    written = write_laws([path], name, flat, placed_laws, tmp_path / "out")
-    again = load_flat(written.name, [path, written.path])
+    again = written_flat(name, [path], placed_laws, tmp_path / "out")
     assert {n for placed in placed_laws for n in placed.names.values()} <= {v.name for v in again.variables}
     assert {v.name for v in again.variables if v.causality in ("input", "output") and "." not in v.name} >= {"u", "y"}
     assert np.abs(moved(export_flat(again, tmp_path / "written.fmu"), given) - expected).max() < 1e-6
@@ -127,16 +124,11 @@ def test_two_laws_at_one_element(laws, blocks, modelica, tmp_path):
     path = modelica(FORMS["matrices"])
     flat = load_flat("Rig", [path])
     given = {"u[1]": 1.0, "u[2]": 2.0}
-    by_id = {c.id: c for c in find_candidates(ports_with_laws(flat, laws), laws)}
-    placed_laws = [
-        place_law(by_id[i], (), nominals={"u_n": 1.0}, values={by_id[i].law.parameters[0].name: value})
-        for i, value in {"gain@u[2]": 0.5, "offset@u[2]": 0.3}.items()
-    ]
+    placed_laws = uses_at(flat, laws, {"gain@u[2]": 0.5, "offset@u[2]": 0.3})
     plain = moved(export_flat(flat, tmp_path / "plain.fmu"), given | {"u[2]": 1.5 * (2.0 + 0.3)})
-    written = write_laws([path], "Rig", flat, placed_laws, tmp_path / "out")
     files = (
         attached_to(flat, placed_laws, blocks, tmp_path / "attached").path,
-        export_flat(load_flat(written.name, [path, written.path]), tmp_path / "written.fmu"),
+        export_flat(written_flat("Rig", [path], placed_laws, tmp_path / "out"), tmp_path / "written.fmu"),
     )
     for file in files:
         assert np.abs(moved(file, given) - plain)[1].max() < 1e-6

@@ -22,7 +22,7 @@ from aero_bayes.structure.attach import attached
 from aero_bayes.structure.balance import Balance, Port, PortKind, signal_port
 from aero_bayes.structure.candidates import Candidate, PlacedLaw, find_candidates, identifier, with_applicable_laws
 from aero_bayes.structure.class_with_laws import class_text
-from aero_bayes.structure.coupled_fmu import BASE, INPUT, STATE, UNREAD_SUFFIX, Source, Terms, couple
+from aero_bayes.structure.coupled_fmu import BASE, INPUT, STATE, UNREAD_SUFFIX, Coupling, Source, Terms, couple
 from aero_bayes.structure.law_places import LawPlaces
 from aero_bayes.structure.modelica_family import ExtendedModel, ModelicaFamily, OpenSimulator, PortNominals
 from aero_bayes.structure.nominal_values import (
@@ -43,15 +43,6 @@ _MOTIONS: Mapping[str, tuple[str, tuple[str, ...]]] = {
 }  # fmt: skip
 #: Suffix of the name under which laws read a state.
 INSIDE = "_inside"
-
-
-@dataclass(frozen=True)
-class LawCoupling:
-    """The variables of an FMU and their names outside: all inputs, and those outputs and states that laws read."""
-
-    inputs: tuple[tuple[Variable, str], ...]
-    outputs: tuple[tuple[Variable, str], ...]
-    states: tuple[tuple[Variable, str], ...]
 
 
 @dataclass(frozen=True)
@@ -162,16 +153,6 @@ class FmuPlaces(LawPlaces):
         probes = {p.id: model.inputs[p.balance.equation].name for p in self.ports if p.balance is not None}
         return OpenModel(model, tuple(v.name for v in model.inputs), probes, signals, gain=-1.0)
 
-    def coupling(self, placed_laws: Sequence[PlacedLaw]) -> LawCoupling:
-        """Return the names by which laws at ports of this FMU know its variables."""
-        read = {name for placed in placed_laws for name in placed.port.signals.values()}
-        inner = self.inner
-        return LawCoupling(
-            tuple((v, self.names[v.name]) for v in inner.inputs),
-            tuple((v, name) for v in inner.outputs if v.kind == "real" and (name := self.names[v.name]) in read),
-            tuple((v, name) for v in inner.states if (name := self.state_signal(v)) in read),
-        )
-
 
 #: Name of the imported FMU in the Modelica model.
 PLANT = "plant"
@@ -184,9 +165,14 @@ def _imported_class(inner: Model) -> str:
 
 
 def wrapper_text(
-    inner: Model, coupling: LawCoupling, placed_laws: Sequence[PlacedLaw], values: Mapping[str, float], name: str
+    coupling: Coupling,
+    placed_laws: Sequence[PlacedLaw],
+    names: Mapping[str, str],
+    values: Mapping[str, float],
+    name: str,
 ) -> str:
-    """Return the Modelica model of an imported FMU with laws around it."""
+    """Return the Modelica model of an imported FMU with laws around it; ``names`` are those of inputs and outputs."""
+    inner = coupling.base
     cls = _imported_class(inner)
     lines = [
         "within ;",
@@ -194,13 +180,10 @@ def wrapper_text(
         f"  // import {inner.path.name} under the name {cls} first (OpenModelica: importFMU, Dymola: File, Import FMU)",
     ]
     lines += [f"  {line}" for placed in placed_laws for line in placed.declarations()]
-    shown = [(v, outside, "input") for v, outside in coupling.inputs]
-    outside_of = {v.name: outside for v, outside in coupling.outputs}
-    outputs = [v for v in inner.outputs if v.kind == "real"]
-    shown += [(v, outside_of.get(v.name, identifier(v.name)), "output") for v in outputs]
-    for v, outside, causality in shown:
+    shown = [(v, "input") for v in inner.inputs] + [(v, "output") for v in inner.outputs if v.kind == "real"]
+    for v, causality in shown:
         unit = f'(unit = "{v.unit}")' if v.unit else ""
-        lines.append(f"  {causality} Real {outside}{unit}{_described(v)};")
+        lines.append(f"  {causality} Real {names[v.name]}{unit}{_described(v)};")
     given = [f"{_reference(p.name)} = {values[p.name]!r}" for p in inner.parameters if p.name in values]
     lines.append(f"  {cls} {PLANT}{_modifier(given)};")
     for placed in placed_laws:
@@ -210,45 +193,44 @@ def wrapper_text(
         lines += [
             f"  {line}" for line in class_text(placed.law, _law_name(placed), nominals=placed.all_nominals, signals={})
         ]
-    lines += ["equation", *(f"  {e};" for e in _equations(inner, coupling, placed_laws, outside_of))]
+    lines += ["equation", *(f"  {e};" for e in _equations(coupling, placed_laws, names))]
     return "\n".join([*lines, f"end {name};", ""])
 
 
-def _equations(
-    inner: Model, coupling: LawCoupling, placed_laws: Sequence[PlacedLaw], outside_of: Mapping[str, str]
-) -> list[str]:
-    found: list[str] = []
-    inside = {name: f"{PLANT}.{_reference(v.name)}" for v, name in coupling.states}
+def _equations(coupling: Coupling, placed_laws: Sequence[PlacedLaw], names: Mapping[str, str]) -> Iterator[str]:
+    """Yield the table of a coupling as equations."""
+    inner = coupling.base
+    shown = {v.value_reference: v.name for v in inner.outputs}
+    # an input of the FMU is set again where more is known: the last time is the whole
+    terms = {(s.part, s.reference): s.terms for s in coupling.settings}
 
-    def read(placed: PlacedLaw, signal: str = "") -> None:
-        """Add equations for the inputs of a law; ``signal`` is what it acts on."""
-        for s in placed.law.interface.inputs:
-            if s in placed.law.used_inputs:
-                given = placed.read[s]
-                found.append(f"{placed.instance}.{s} = {signal if s == 'u' and signal else inside.get(given, given)}")
+    def value(source: Source) -> str:
+        if source.part == INPUT:
+            return names[coupling.inputs[source.reference]]
+        if source.part > BASE:
+            law = coupling.laws[source.part - 1]
+            return f"{law.name}.{next(v.name for v in law.model.outputs if v.value_reference == source.reference)}"
+        if source.part == STATE:
+            state = inner.states[source.reference]
+            return f"{PLANT}.{_reference(shown.get(state.value_reference, state.name))}"
+        return f"{PLANT}.{_reference(shown[source.reference])}"
 
-    for k, (v, outside) in enumerate(coupling.inputs):
-        signal, terms = outside, ""
-        for placed in reversed(placed_laws):
-            if placed.port.attachment == "input" and placed.port.signals["u"] == outside:
-                read(placed, signal)
-                signal = f"{placed.instance}.y"
-        for placed in placed_laws:
-            if placed.port.balance is not None and placed.port.balance.equation == k:
-                read(placed)
-                terms += "".join(
-                    f" {'-' if sign > 0 else '+'} {placed.instance}.{out}" for _, out, sign in placed.terms
-                )
-        found.append(f"{PLANT}.{_reference(v.name)} = {signal}{terms}")
+    def total(part: int, reference: int | None) -> str:
+        given = terms.get((part, reference), ()) if reference is not None else ()
+        signed = "".join(f"{' + ' if gain > 0.0 else ' - '}{value(source)}" for source, gain in given)
+        return signed.removeprefix(" + ").strip() or "0"
+
+    for v in inner.inputs:
+        yield f"{PLANT}.{_reference(v.name)} = {total(BASE, v.value_reference)}"
+    for part, placed in enumerate(placed_laws, 1):
+        known = {v.name: v.value_reference for v in coupling.laws[part - 1].model.inputs}
+        for name in placed.law.interface.inputs:
+            if name in placed.law.used_inputs:
+                yield f"{placed.instance}.{name} = {total(part, known.get(name))}"
     for v in inner.outputs:
         if v.kind == "real":
-            signal, outside = f"{PLANT}.{_reference(v.name)}", outside_of.get(v.name, identifier(v.name))
-            for placed in placed_laws:
-                if placed.port.attachment == "output" and placed.port.signals["u"] == outside:
-                    read(placed, signal)
-                    signal = f"{placed.instance}.y"
-            found.append(f"{outside} = {signal}")
-    return found
+            plain = f"{PLANT}.{_reference(v.name)}"
+            yield f"{names[v.name]} = {value(coupling.outputs[v.name]) if v.name in coupling.outputs else plain}"
 
 
 def _modifier(bound: Sequence[str]) -> str:
@@ -344,14 +326,14 @@ class FmuFamily(ModelicaFamily):
     ) -> tuple[WrittenModel, Model]:
         """Write ``NAME.mo`` for other tools, and ``NAME.fmu``."""
         name = "_".join([self.places.title, *(u.instance for u in placed_laws)])
-        coupling, none = (self.places.coupling(laws) for laws in (placed_laws, ()))
-        values = {**self._fixed_values, **values}
-        text = wrapper_text(self.places.inner, coupling, placed_laws, values, name)
+        coupling, none = (attached(self._opened(), laws, self.blocks) for laws in (placed_laws, ()))
+        names, values = self.places.names, {**self._fixed_values, **values}
+        text = wrapper_text(coupling, placed_laws, names, values, name)
         folder.mkdir(parents=True, exist_ok=True)
         path = folder / f"{name}.mo"
         write_whole(path, text)
-        couple(attached(self._opened(), placed_laws, self.blocks), folder / f"{name}.fmu")
-        before = wrapper_text(self.places.inner, none, (), values, name)
+        couple(coupling, folder / f"{name}.fmu")
+        before = wrapper_text(none, (), names, values, name)
         written = WrittenModel(name, path, text, before, f"{self.places.title}.mo")
         return written, Model.load(folder / f"{name}.fmu")
 
