@@ -25,14 +25,14 @@ from harness import Row, update
 from threadpoolctl import threadpool_limits
 
 from aero_bayes.estimate import CalibrationSettings, NoiseModel
+from aero_bayes.estimate.convergence import SampleSettings, check_convergence
 from aero_bayes.estimate.fit import fit
 from aero_bayes.estimate.levenberg_marquardt import FitSettings
+from aero_bayes.estimate.mcmc import MakeMoves, run_chain, standard_moves
+from aero_bayes.estimate.moves import WarpedStudentT
 from aero_bayes.estimate.result import Fit
 from aero_bayes.estimate.target import Target
 from aero_bayes.modelica.compilers import export_fmu
-from aero_bayes.posterior.convergence import SampleSettings, check_convergence
-from aero_bayes.posterior.mcmc import MakeMoves, run_chain, standard_moves
-from aero_bayes.posterior.moves import WarpedStudentT
 from aero_bayes.simulation.engines import open_simulator
 from aero_bayes.simulation.model import Model
 from simulated_rigs.aero import Truth, simulate_recording

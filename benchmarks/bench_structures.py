@@ -22,10 +22,10 @@ from aero_bayes.commands.commands import fit_job
 from aero_bayes.commands.job import RunOptions, open_job
 from aero_bayes.estimate.fit import Fit
 from aero_bayes.estimate.parameters import ParameterSet
+from aero_bayes.laws.law_places import LawPlaces
+from aero_bayes.loop.modelica_family import ModelicaFamily
 from aero_bayes.simulation.engines import open_simulator
 from aero_bayes.simulation.interface import Outcome, Problem, SolverSettings
-from aero_bayes.structure.law_places import LawPlaces
-from aero_bayes.structure.modelica_family import ModelicaFamily
 from study.real import cases
 
 #: Laws by the rig whose first model they are attached to; the empty name is the model itself.

@@ -26,12 +26,12 @@ from pydantic.fields import FieldInfo
 from aero_bayes import cli, declared
 from aero_bayes.commands.fleet import FleetFile
 from aero_bayes.config import Config
+from aero_bayes.estimate.convergence import SampleSettings
+from aero_bayes.laws.law import shipped_laws
+from aero_bayes.laws.law_places import LawPlaces
 from aero_bayes.loop.first_fit import LoopSettings
 from aero_bayes.plain import Number
-from aero_bayes.posterior.convergence import SampleSettings
 from aero_bayes.report.schema_run import FleetJson, RunJson
-from aero_bayes.structure.law import shipped_laws
-from aero_bayes.structure.law_places import LawPlaces
 
 if typing.TYPE_CHECKING:
     from mkdocs.config.defaults import MkDocsConfig

@@ -12,11 +12,11 @@ import numpy as np
 import pytest
 from numpy.random import Generator
 
+from aero_bayes.laws.attach import LawBlocks
+from aero_bayes.laws.law import Law, shipped_laws
+from aero_bayes.laws.law_models import LawModels, law_models
 from aero_bayes.modelica.compilers import export_fmu
 from aero_bayes.simulation.model import Model
-from aero_bayes.structure.attach import LawBlocks
-from aero_bayes.structure.law import Law, shipped_laws
-from aero_bayes.structure.law_models import LawModels, law_models
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:

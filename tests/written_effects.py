@@ -6,9 +6,9 @@ from collections.abc import Collection, Mapping
 from dataclasses import replace
 from pathlib import Path
 
-from aero_bayes.structure.candidates import PlacedLaw, place_laws
-from aero_bayes.structure.law_places import LawPlaces
-from aero_bayes.structure.write_model import WrittenModel, reserved_names, write_laws
+from aero_bayes.laws.candidates import PlacedLaw, place_laws
+from aero_bayes.laws.law_places import LawPlaces
+from aero_bayes.laws.write_model import WrittenModel, reserved_names, write_laws
 
 
 def placed_effects(base: str, ids: Collection[str]) -> tuple[PlacedLaw, ...]:

@@ -11,17 +11,17 @@ from export_driver import driven
 from numpy.random import Generator
 from small_rigs import Numbers, explicit, rig, somewhere
 
+from aero_bayes.laws.aliases import alias_structure
+from aero_bayes.laws.attach import LawBlocks, attached
+from aero_bayes.laws.candidates import PlacedLaw, find_candidates, place_law, ports_with_laws
+from aero_bayes.laws.coupled_fmu import couple
+from aero_bayes.laws.law import Law
+from aero_bayes.laws.open_ports import open_model
+from aero_bayes.laws.write_model import WrittenModel, write_laws
 from aero_bayes.modelica.embedded import export_flat
 from aero_bayes.modelica.flat import FlatModel
 from aero_bayes.modelica.rumoca_front import load_flat
 from aero_bayes.simulation.model import Model
-from aero_bayes.structure.aliases import alias_structure
-from aero_bayes.structure.attach import LawBlocks, attached
-from aero_bayes.structure.candidates import PlacedLaw, find_candidates, place_law, ports_with_laws
-from aero_bayes.structure.coupled_fmu import couple
-from aero_bayes.structure.law import Law
-from aero_bayes.structure.open_ports import open_model
-from aero_bayes.structure.write_model import WrittenModel, write_laws
 
 SIZES = {"f_n": 2.5, "v_n": 1.3, "x_n": 0.8, "u_n": 1.7, "q_n": 2.1, "h_n": 0.9, "d_n": 0.9, "i_n": 1.4, "t_n": 0.3}
 

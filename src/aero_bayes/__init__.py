@@ -31,21 +31,21 @@ if TYPE_CHECKING:
     from aero_bayes.data.read import read_recording
     from aero_bayes.data.recording import Recording
     from aero_bayes.errors import CannotFinishError, InputError
+    from aero_bayes.estimate.convergence import SampleSettings
     from aero_bayes.estimate.fit import fit
     from aero_bayes.estimate.initial_states import CalibrationSettings
     from aero_bayes.estimate.levenberg_marquardt import FitSettings
     from aero_bayes.estimate.parameters import ParameterSpec
+    from aero_bayes.estimate.posterior import Posterior
     from aero_bayes.estimate.priors import LogNormal, LogUniform, Normal, Uniform
     from aero_bayes.estimate.propose import propose_experiment
     from aero_bayes.estimate.result import Fit
+    from aero_bayes.estimate.sample import sample
     from aero_bayes.library import compare, load_result, save
     from aero_bayes.loop.first_fit import LoopSettings
     from aero_bayes.loop.loop import close_loop
     from aero_bayes.loop.result import LoopResult
     from aero_bayes.modelica.compilers import export_fmu
-    from aero_bayes.posterior.convergence import SampleSettings
-    from aero_bayes.posterior.posterior import Posterior
-    from aero_bayes.posterior.sample import sample
     from aero_bayes.report.run_directory import RunDirectory
     from aero_bayes.simulation.function_model import FunctionModel
     from aero_bayes.simulation.load_model import load_model
@@ -103,9 +103,9 @@ _HOMES = {
     "library": "compare load_result save",
     "loop": "LoopResult LoopSettings close_loop",
     "modelica.compilers": "export_fmu",
-    "posterior.convergence": "SampleSettings",
-    "posterior.posterior": "Posterior",
-    "posterior.sample": "sample",
+    "estimate.convergence": "SampleSettings",
+    "estimate.posterior": "Posterior",
+    "estimate.sample": "sample",
     "report.run_directory": "RunDirectory",
     "simulation.load_model": "load_model",
     "simulation.model": "Model",

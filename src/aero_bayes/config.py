@@ -13,12 +13,12 @@ from pydantic import BaseModel, ConfigDict, Field, PrivateAttr, ValidationError,
 from aero_bayes.arguments import Count, NotNegative, Positive
 from aero_bayes.data.columns import ColumnMap
 from aero_bayes.errors import InputError
+from aero_bayes.estimate.convergence import SampleSettings
 from aero_bayes.estimate.initial_states import CalibrationSettings
 from aero_bayes.estimate.levenberg_marquardt import FitSettings
 from aero_bayes.estimate.swarm import SwarmSettings
 from aero_bayes.loop.first_fit import LoopSettings
 from aero_bayes.modelica.sources import as_packages
-from aero_bayes.posterior.convergence import SampleSettings
 from aero_bayes.simulation.interface import Engine, SolverSettings
 from aero_bayes.unknown_names import closest_name, no_such_file
 

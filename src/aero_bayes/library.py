@@ -14,9 +14,9 @@ from aero_bayes.report.page import render
 from aero_bayes.report.run_directory import RunDirectory
 
 if TYPE_CHECKING:
+    from aero_bayes.estimate.posterior import Posterior
     from aero_bayes.estimate.result import Fit
     from aero_bayes.loop.result import LoopResult
-    from aero_bayes.posterior.posterior import Posterior
 
     Result: TypeAlias = Fit | Posterior | LoopResult
 
@@ -121,9 +121,9 @@ def compare(*found: Result | str | Path, path: str | Path = "compare.html") -> P
 
 
 def _result(found: Result) -> Result:
+    from aero_bayes.estimate.posterior import Posterior
     from aero_bayes.estimate.result import Fit
     from aero_bayes.loop.result import LoopResult
-    from aero_bayes.posterior.posterior import Posterior
 
     if not isinstance(found, Fit | Posterior | LoopResult):
         raise InputError(

@@ -87,7 +87,7 @@ def test_commands_of_the_how_to_pages_run(page: str, cart: Path):
 
 def test_the_laws_of_the_how_to_page_are_read(cart: Path):
     """The file of a law as it stands on the page."""
-    from aero_bayes.structure.law import read_laws
+    from aero_bayes.laws.law import read_laws
 
     (cart / "MyLaws.mo").write_text(blocks("docs/howto/law.md", 'modelica title="MyLaws.mo"')[0], encoding="utf-8")
     assert [law.id for law in read_laws([cart / "MyLaws.mo"])] == ["wind_drag"]

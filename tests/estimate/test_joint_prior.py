@@ -93,7 +93,7 @@ def test_a_posterior_of_other_parameters_is_refused() -> None:
 def test_a_file_of_the_sampler_is_read_back(tmp_path: Path) -> None:
     import xarray
 
-    from aero_bayes.posterior.posterior import draws_in
+    from aero_bayes.estimate.posterior import draws_in
 
     draws = np.random.default_rng(1).normal(size=(4, 50))
     group = xarray.Dataset({"a": (("chain", "draw"), draws)})

@@ -11,8 +11,8 @@ from fmpy.validation import validate_fmu
 from hand_written_aero import NOMINAL, SCALES, STATES
 from written_effects import placed_effects
 
+from aero_bayes.laws.law_places import LawPlaces
 from aero_bayes.modelica.library import declaration_of
-from aero_bayes.structure.law_places import LawPlaces
 
 EFFECTS = declaration_of("Aero.Systems.OneDof").effects
 #: A magnitude for the first parameter of each effect that is no curve; at sizes of one.

@@ -9,12 +9,12 @@ import pytest
 from written_effects import write_effects
 
 from aero_bayes.errors import InputError
+from aero_bayes.laws.law_places import LawPlaces
+from aero_bayes.loop.modelica_family import ModelicaFamily
 from aero_bayes.modelica.causalisation import ExplicitModel
 from aero_bayes.modelica.compilers import export_fmu
 from aero_bayes.modelica.embedded import explicit_model
 from aero_bayes.modelica.expression import evaluate_nodes
-from aero_bayes.structure.law_places import LawPlaces
-from aero_bayes.structure.modelica_family import ModelicaFamily
 
 EVERY = LawPlaces("Aero.Systems.OneDof").candidates
 POINT = {

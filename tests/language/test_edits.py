@@ -10,6 +10,8 @@ from numpy.random import Generator
 from small_rigs import RIGS
 
 from aero_bayes.errors import InputError
+from aero_bayes.laws.find import is_driver
+from aero_bayes.laws.insertion_point import find_insertion_point
 from aero_bayes.modelica.class_reader import read_classes
 from aero_bayes.modelica.classes import ClassText
 from aero_bayes.modelica.edits import (
@@ -23,8 +25,6 @@ from aero_bayes.modelica.edits import (
     unified_diff,
 )
 from aero_bayes.modelica.parse import one_line, sides_of, tokenize
-from aero_bayes.structure.find import is_driver
-from aero_bayes.structure.insertion_point import find_insertion_point
 
 pytestmark = pytest.mark.fast
 

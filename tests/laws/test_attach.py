@@ -15,14 +15,14 @@ from fmpy.fmi2 import FMU2Model
 from small_rigs import RIGS
 from written_laws import written_flat
 
+from aero_bayes.laws.candidates import place_laws
+from aero_bayes.laws.law_places import LawPlaces
+from aero_bayes.loop.modelica_family import ModelicaFamily
 from aero_bayes.modelica.embedded import export_embedded, export_flat
 from aero_bayes.simulation.engines import open_simulator
 from aero_bayes.simulation.interface import Experiment, InputSignal, Outcome, ParameterTarget, Problem, SolverSettings
 from aero_bayes.simulation.model import Model
 from aero_bayes.simulation.workers import WorkerPool
-from aero_bayes.structure.candidates import place_laws
-from aero_bayes.structure.law_places import LawPlaces
-from aero_bayes.structure.modelica_family import ModelicaFamily
 
 TIME = np.linspace(0.0, 4.0, 201)
 SIZES = {"u_n": 1.5, "f_n": 2.0, "v_n": 0.5, "x_n": 0.3, "x_w": 0.3, "q_n": 0.8, "h_n": 0.7, "i_n": 2.0, "t_n": 0.4}

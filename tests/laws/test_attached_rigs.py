@@ -9,13 +9,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from aero_bayes.laws.candidates import place_laws
+from aero_bayes.laws.law_places import LawPlaces
+from aero_bayes.loop.modelica_family import ModelicaFamily
 from aero_bayes.simulation.engines import open_simulator
 from aero_bayes.simulation.interface import Experiment, InputSignal, Outcome, ParameterTarget, Problem, SolverSettings
 from aero_bayes.simulation.model import Model
 from aero_bayes.simulation.workers import WorkerPool
-from aero_bayes.structure.candidates import place_laws
-from aero_bayes.structure.law_places import LawPlaces
-from aero_bayes.structure.modelica_family import ModelicaFamily
 
 RIGS = Path(__file__).parents[2] / "studies" / "real_rigs"
 QUICK = ("coil", "tank2006", "cartpendulum")

@@ -21,11 +21,11 @@ from aero_bayes.errors import InputError
 from aero_bayes.estimate import parameters_from_model
 from aero_bayes.estimate.calibration import calibrate
 from aero_bayes.estimate.fit import declared_overrides
+from aero_bayes.laws.law_places import LawPlaces
+from aero_bayes.loop.modelica_family import ModelicaFamily
 from aero_bayes.modelica.compilers import export_fmu
 from aero_bayes.modelica.library import declaration_of
 from aero_bayes.simulation.model import Model, ModelicaSource
-from aero_bayes.structure.law_places import LawPlaces
-from aero_bayes.structure.modelica_family import ModelicaFamily
 
 SLEDGE = Path(__file__).parent.parent / "models" / "Sledge"
 DECLARED = declaration_of("Sledge.Rig", [SLEDGE])

@@ -10,15 +10,15 @@ from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 from small_rigs import rig
 
+from aero_bayes.laws.candidates import Candidate, place_law, ports_with_laws
+from aero_bayes.laws.write_model import write_laws
+from aero_bayes.loop.modelica_family import fitted_parameters
 from aero_bayes.modelica.embedded import export_flat
 from aero_bayes.modelica.rumoca_front import load_flat
 from aero_bayes.simulation.interface import Experiment, InputSignal, ParameterTarget, Problem, SolverSettings
 from aero_bayes.simulation.model import Model
 from aero_bayes.simulation.native_simulator import NativeSimulator
 from aero_bayes.simulation.workers import WorkerPool
-from aero_bayes.structure.candidates import Candidate, place_law, ports_with_laws
-from aero_bayes.structure.modelica_family import fitted_parameters
-from aero_bayes.structure.write_model import write_laws
 
 ROOM = """model Room
   input Real u(unit = "W");

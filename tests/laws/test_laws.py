@@ -13,14 +13,14 @@ from small_rigs import RIGS, Numbers, explicit, rig
 from written_laws import written_flat
 
 from aero_bayes.errors import InputError
+from aero_bayes.laws.candidates import Candidate, place_law, ports_with_laws
+from aero_bayes.laws.law import LAW_INTERFACES, read_laws
+from aero_bayes.laws.law_models import law_models
 from aero_bayes.modelica.classes import snake_case
 from aero_bayes.modelica.compose import add_input, set_parameter
 from aero_bayes.modelica.expression import evaluate_nodes
 from aero_bayes.modelica.flat import FlatEquation
 from aero_bayes.modelica.syntax import Call, Name, Number
-from aero_bayes.structure.candidates import Candidate, place_law, ports_with_laws
-from aero_bayes.structure.law import LAW_INTERFACES, read_laws
-from aero_bayes.structure.law_models import law_models
 
 pytestmark = pytest.mark.fast
 

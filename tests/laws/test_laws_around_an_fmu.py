@@ -22,6 +22,12 @@ from written_laws import written_flat
 
 from aero_bayes.cli import main
 from aero_bayes.errors import InputError
+from aero_bayes.laws.attach import LawBlocks, attached
+from aero_bayes.laws.balance import Port
+from aero_bayes.laws.candidates import PlacedLaw, find_candidates, place_law, ports_with_laws
+from aero_bayes.laws.coupled_fmu import couple
+from aero_bayes.laws.law import Law
+from aero_bayes.loop.fmu_family import FmuFamily, FmuPlaces
 from aero_bayes.modelica.embedded import export_embedded, export_flat
 from aero_bayes.modelica.flat import FlatModel
 from aero_bayes.modelica.rumoca_front import load_flat
@@ -36,12 +42,6 @@ from aero_bayes.simulation.interface import (
     StartTarget,
 )
 from aero_bayes.simulation.model import Model
-from aero_bayes.structure.attach import LawBlocks, attached
-from aero_bayes.structure.balance import Port
-from aero_bayes.structure.candidates import PlacedLaw, find_candidates, place_law, ports_with_laws
-from aero_bayes.structure.coupled_fmu import couple
-from aero_bayes.structure.fmu_family import FmuFamily, FmuPlaces
-from aero_bayes.structure.law import Law
 
 FloatArray = NDArray[np.float64]
 #: Laws at an input, at readings, at a force; the values of their first parameters.
@@ -195,7 +195,7 @@ def test_every_input_and_output_is_a_port(plant):
 
 
 def test_a_wrong_law_is_named(plant, tmp_path):
-    from aero_bayes.structure.law_places import CandidateFilter
+    from aero_bayes.laws.law_places import CandidateFilter
 
     places = FmuPlaces("Plant", candidate_filter=CandidateFilter(laws=("deadzone",)), fmu=plant.path)
     with pytest.raises(InputError, match=facts("deadzone", "dead_zone")):

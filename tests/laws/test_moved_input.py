@@ -13,10 +13,10 @@ from aero_bayes.estimate.calibration import calibrate
 from aero_bayes.estimate.local_fit import LocalFitSettings, local_fit
 from aero_bayes.estimate.objective import Objective
 from aero_bayes.estimate.parameters import ParameterSet
+from aero_bayes.laws.law_places import LawPlaces
+from aero_bayes.loop.modelica_family import ModelicaFamily
 from aero_bayes.simulation.engines import open_simulator
 from aero_bayes.simulation.interface import DelayTarget
-from aero_bayes.structure.law_places import LawPlaces
-from aero_bayes.structure.modelica_family import ModelicaFamily
 
 SOURCE = """model Plate "A plate on a heater"
   input Real P(unit = "W");

@@ -9,12 +9,12 @@ from small_rigs import RIGS, rig
 from aero_bayes import Recording, fit, load_model
 from aero_bayes.estimate.initial_states import CalibrationSettings
 from aero_bayes.estimate.levenberg_marquardt import FitSettings
+from aero_bayes.laws.candidates import is_possible, ports_with_laws
+from aero_bayes.laws.law import Law
+from aero_bayes.laws.law_places import LawPlaces
+from aero_bayes.loop.modelica_family import ModelicaFamily
+from aero_bayes.loop.nominal_values import share_visited_twice
 from aero_bayes.simulation.engines import open_simulator
-from aero_bayes.structure.candidates import is_possible, ports_with_laws
-from aero_bayes.structure.law import Law
-from aero_bayes.structure.law_places import LawPlaces
-from aero_bayes.structure.modelica_family import ModelicaFamily
-from aero_bayes.structure.nominal_values import share_visited_twice
 
 
 def of(laws: tuple[Law, ...], kind: str, id_: str) -> Law:

@@ -12,6 +12,10 @@ import pytest
 from scipy.signal import lsim
 from written_laws import written_flat
 
+from aero_bayes.laws.candidates import place_laws
+from aero_bayes.laws.law_places import LawPlaces
+from aero_bayes.loop.fmu_family import FmuFamily, FmuPlaces
+from aero_bayes.loop.modelica_family import ModelicaFamily
 from aero_bayes.modelica.embedded import export_flat
 from aero_bayes.simulation.engines import open_simulator
 from aero_bayes.simulation.interface import (
@@ -29,10 +33,6 @@ from aero_bayes.simulation.interface import (
 from aero_bayes.simulation.model import Model
 from aero_bayes.simulation.native_simulator import operators_in_use
 from aero_bayes.simulation.workers import WorkerPool
-from aero_bayes.structure.candidates import place_laws
-from aero_bayes.structure.fmu_family import FmuFamily, FmuPlaces
-from aero_bayes.structure.law_places import LawPlaces
-from aero_bayes.structure.modelica_family import ModelicaFamily
 
 SOURCE = """model Arm "A rotor on a spring, and a shunt through which its drive is read"
   parameter Real k(min = 0) = 40;

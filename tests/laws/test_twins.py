@@ -8,10 +8,10 @@ from scipy.linalg import expm
 
 from aero_bayes import InputError
 from aero_bayes.data import Recording
+from aero_bayes.laws.law_places import CandidateFilter, LawPlaces
 from aero_bayes.loop import LoopSettings, close_loop
 from aero_bayes.modelica.rumoca_front import load_flat
 from aero_bayes.modelica.syntax import Name
-from aero_bayes.structure.law_places import CandidateFilter, LawPlaces
 
 ROOMS = """model Rooms "Two heated rooms, each with a sensor"
   parameter Real C(unit = "J/K", min = 0) = 400;

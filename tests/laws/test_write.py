@@ -13,6 +13,10 @@ from small_rigs import RIGS, Numbers, explicit, rig, somewhere
 from written_laws import SIZES, agree, uses_at, written_flat
 
 from aero_bayes.errors import InputError
+from aero_bayes.laws.candidates import find_candidates, place_law, ports_with_laws
+from aero_bayes.laws.law_places import LawPlaces
+from aero_bayes.laws.write_model import write_laws
+from aero_bayes.loop.modelica_family import ModelicaFamily
 from aero_bayes.modelica.compilers import export_fmu
 from aero_bayes.modelica.embedded import export_flat
 from aero_bayes.modelica.rumoca_front import load_flat
@@ -20,10 +24,6 @@ from aero_bayes.simulation.interface import Experiment, InputSignal, Problem, So
 from aero_bayes.simulation.model import Model
 from aero_bayes.simulation.native_simulator import NativeSimulator
 from aero_bayes.simulation.workers import WorkerPool
-from aero_bayes.structure.candidates import find_candidates, place_law, ports_with_laws
-from aero_bayes.structure.law_places import LawPlaces
-from aero_bayes.structure.modelica_family import ModelicaFamily
-from aero_bayes.structure.write_model import write_laws
 
 ONE_OF_EACH = [
     ("Cart", "dead_zone@F"), ("Cart", "hysteresis@F"), ("Cart", "rate_limit@F"), ("Cart", "delay@q"),

@@ -9,10 +9,10 @@ from closed_form import held
 from aero_bayes import FitSettings, fit
 from aero_bayes.data import Recording
 from aero_bayes.estimate.initial_states import held_start
+from aero_bayes.laws.law_places import LawPlaces
 from aero_bayes.loop import LoopSettings, close_loop
+from aero_bayes.loop.modelica_family import ModelicaFamily
 from aero_bayes.simulation.engines import open_simulator
-from aero_bayes.structure.law_places import LawPlaces
-from aero_bayes.structure.modelica_family import ModelicaFamily
 
 ROOM = """model Room
   parameter Real C_a(unit = "J/K", min = 0) = 8e5;

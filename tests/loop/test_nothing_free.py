@@ -10,11 +10,11 @@ import pytest
 from aero_bayes.data import Recording
 from aero_bayes.data.split import Recordings
 from aero_bayes.errors import InputError
+from aero_bayes.laws.law_places import LawPlaces
 from aero_bayes.loop import LoopSettings, close_loop
 from aero_bayes.loop.first_fit import LoopContext, LoopStatistics, first_fit
+from aero_bayes.loop.modelica_family import ModelicaFamily
 from aero_bayes.simulation.workers import WorkerPool
-from aero_bayes.structure.law_places import LawPlaces
-from aero_bayes.structure.modelica_family import ModelicaFamily
 
 
 def test_a_model_without_a_free_parameter_is_simulated_with_its_values(tmp_path: Path) -> None:

@@ -11,13 +11,13 @@ from fmpy import simulate_fmu
 from numpy.typing import NDArray
 from written_laws import attached_to, written_flat
 
+from aero_bayes.laws.candidates import PlacedLaw, find_candidates, place_law, ports_with_laws
+from aero_bayes.laws.law import Law
 from aero_bayes.modelica.compose import add_output
 from aero_bayes.modelica.embedded import export_flat
 from aero_bayes.modelica.flat import FlatModel
 from aero_bayes.modelica.rumoca_front import load_flat
 from aero_bayes.modelica.syntax import Call, Name, Number
-from aero_bayes.structure.candidates import PlacedLaw, find_candidates, place_law, ports_with_laws
-from aero_bayes.structure.law import Law
 
 FORMS = {
     "matrices": """model Rig

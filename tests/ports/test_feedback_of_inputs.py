@@ -10,10 +10,10 @@ from closed_form import held
 from written_laws import agree, uses_at
 
 from aero_bayes.data import Recording
+from aero_bayes.laws.candidates import ports_with_laws
+from aero_bayes.laws.law import shipped_laws
 from aero_bayes.loop import LoopSettings, close_loop
 from aero_bayes.modelica.rumoca_front import load_flat
-from aero_bayes.structure.candidates import ports_with_laws
-from aero_bayes.structure.law import shipped_laws
 
 AXIS = """model Axis "A position loop"
   parameter Real J(unit = "kg", min = 0) = 0.6;

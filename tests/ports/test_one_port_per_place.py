@@ -8,7 +8,7 @@ import pytest
 from small_rigs import Numbers, explicit, rig, somewhere
 from written_laws import written_flat
 
-from aero_bayes.structure.candidates import Candidate, place_law, ports_with_laws
+from aero_bayes.laws.candidates import Candidate, place_law, ports_with_laws
 
 pytestmark = pytest.mark.fast
 

@@ -6,13 +6,13 @@ import pytest
 from small_rigs import RIGS, Numbers, explicit, rig, somewhere
 from written_laws import written_flat
 
+from aero_bayes.laws.balance import DIFFERENCE, port_table, signal_expression
+from aero_bayes.laws.candidates import Candidate, find_candidates, place_law, ports_with_laws
+from aero_bayes.laws.probes import with_drive
 from aero_bayes.modelica.compose import add_input, add_output
 from aero_bayes.modelica.rumoca_front import load_flat
 from aero_bayes.modelica.syntax import Name
 from aero_bayes.modelica.units import dimension_of_unit, unit_text
-from aero_bayes.structure.balance import DIFFERENCE, port_table, signal_expression
-from aero_bayes.structure.candidates import Candidate, find_candidates, place_law, ports_with_laws
-from aero_bayes.structure.probes import with_drive
 
 pytestmark = pytest.mark.fast
 

@@ -14,11 +14,11 @@ from written_laws import agree, uses_at, written_flat
 from aero_bayes import FitSettings
 from aero_bayes.data import Recording
 from aero_bayes.estimate import CalibrationSettings
+from aero_bayes.laws.balance import Port
+from aero_bayes.laws.candidates import find_candidates, ports_with_laws
+from aero_bayes.laws.law import shipped_laws
 from aero_bayes.loop import LoopSettings, close_loop
 from aero_bayes.modelica.rumoca_front import load_flat
-from aero_bayes.structure.balance import Port
-from aero_bayes.structure.candidates import find_candidates, ports_with_laws
-from aero_bayes.structure.law import shipped_laws
 
 CAR = """model Car "A quarter of a car"
   parameter Real m_b(unit = "kg", min = 0) = 250;

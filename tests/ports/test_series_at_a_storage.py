@@ -10,13 +10,13 @@ from fmpy import simulate_fmu
 from small_rigs import RIGS
 from written_laws import written_flat
 
+from aero_bayes.laws.attach import AlgebraicLoopError
+from aero_bayes.laws.candidates import find_candidates, place_law, ports_with_laws
+from aero_bayes.laws.law_places import LawPlaces
+from aero_bayes.laws.write_model import write_laws
+from aero_bayes.loop.modelica_family import ModelicaFamily
 from aero_bayes.modelica.embedded import export_flat
 from aero_bayes.modelica.rumoca_front import load_flat
-from aero_bayes.structure.attach import AlgebraicLoopError
-from aero_bayes.structure.candidates import find_candidates, place_law, ports_with_laws
-from aero_bayes.structure.law_places import LawPlaces
-from aero_bayes.structure.modelica_family import ModelicaFamily
-from aero_bayes.structure.write_model import write_laws
 
 FILTER = """within ;
 model Filter "Source, resistor, capacitor, and a probe at their node"

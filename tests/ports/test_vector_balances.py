@@ -11,13 +11,13 @@ from numpy.random import Generator
 from small_rigs import Numbers, explicit, rig, somewhere
 from written_laws import agree
 
+from aero_bayes.laws.attach import LawBlocks
+from aero_bayes.laws.balance import Port
+from aero_bayes.laws.candidates import Candidate, place_law, ports_with_laws
+from aero_bayes.laws.law import Law
+from aero_bayes.laws.write_model import reserved_names
 from aero_bayes.modelica.flat import FlatModel
 from aero_bayes.modelica.rumoca_front import load_flat
-from aero_bayes.structure.attach import LawBlocks
-from aero_bayes.structure.balance import Port
-from aero_bayes.structure.candidates import Candidate, place_law, ports_with_laws
-from aero_bayes.structure.law import Law
-from aero_bayes.structure.write_model import reserved_names
 
 ARM = """model Arm "Two joints; {how}"
   parameter Real a = 0.3, b = 0.05, c = 0.02, d[2](each unit = "N.m.s/rad") = {{0.1, 0.2}};

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
-from aero_bayes.posterior.convergence import SampleSettings
-from aero_bayes.posterior.mcmc import run_chain
-from aero_bayes.posterior.moves import WarpedStudentT
+from aero_bayes.estimate.convergence import SampleSettings
+from aero_bayes.estimate.mcmc import run_chain
+from aero_bayes.estimate.moves import WarpedStudentT
 
 SETTINGS = SampleSettings(
     walkers=8,

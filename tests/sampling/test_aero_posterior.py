@@ -12,15 +12,15 @@ import pytest
 from aero_recordings import read_aero
 
 from aero_bayes.data import Recording
+from aero_bayes.estimate.convergence import SampleSettings
 from aero_bayes.estimate.fit import fit
 from aero_bayes.estimate.identifiability import Status
 from aero_bayes.estimate.levenberg_marquardt import FitSettings
+from aero_bayes.estimate.posterior import Posterior
 from aero_bayes.estimate.result import Fit
+from aero_bayes.estimate.sample import sample
 from aero_bayes.estimate.swarm import SwarmSettings
 from aero_bayes.modelica.compilers import export_fmu
-from aero_bayes.posterior.convergence import SampleSettings
-from aero_bayes.posterior.posterior import Posterior
-from aero_bayes.posterior.sample import sample
 from aero_bayes.simulation.model import Model
 from simulated_rigs.aero import HALF_QUAD, Truth, pivot_friction, simulate_recording
 from simulated_rigs.designs import paper_step

@@ -6,7 +6,7 @@ import arviz as az
 import numpy as np
 import pytest
 
-from aero_bayes.posterior.convergence import autocorrelation_time, check_convergence, r_hat
+from aero_bayes.estimate.convergence import autocorrelation_time, check_convergence, r_hat
 
 pytestmark = pytest.mark.fast
 

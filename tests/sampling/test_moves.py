@@ -15,7 +15,7 @@ import pytest
 from emcee.moves import StretchMove
 from scipy import stats
 
-from aero_bayes.posterior.adaptation import (
+from aero_bayes.estimate.adaptation import (
     Surrogate,
     SurrogateDensity,
     independence_acceptance,
@@ -23,7 +23,7 @@ from aero_bayes.posterior.adaptation import (
     scan_axes,
     steps_to_leave,
 )
-from aero_bayes.posterior.moves import (
+from aero_bayes.estimate.moves import (
     DelayedAcceptanceMove,
     DelayedAcceptanceWalkMove,
     DifferentialMove,

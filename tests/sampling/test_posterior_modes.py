@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import aero_bayes
+from aero_bayes.estimate.posterior import Posterior
 from aero_bayes.estimate.swarm import SwarmSettings
-from aero_bayes.posterior.posterior import Posterior
 
 GAIN, LAG, SD = 1.2, 2.0, 0.02
 QUICK = aero_bayes.SampleSettings(ess=100.0, lengths=5.0, r_hat=1.05, max_rounds=2, draws=400, predictive=8)

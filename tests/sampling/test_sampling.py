@@ -20,10 +20,10 @@ from facts import facts
 from scipy import stats
 
 from aero_bayes.errors import CannotFinishError
-from aero_bayes.posterior.adaptation import Adaptation
-from aero_bayes.posterior.convergence import SampleSettings
-from aero_bayes.posterior.mcmc import Chain, run_chain
-from aero_bayes.posterior.moves import WarpedStudentT
+from aero_bayes.estimate.adaptation import Adaptation
+from aero_bayes.estimate.convergence import SampleSettings
+from aero_bayes.estimate.mcmc import Chain, run_chain
+from aero_bayes.estimate.moves import WarpedStudentT
 
 pytestmark = pytest.mark.long
 

@@ -13,10 +13,10 @@ from aero_bayes.estimate.noise import OutputNoise
 from aero_bayes.estimate.objective import Objective
 from aero_bayes.estimate.parameters import Parameter
 from aero_bayes.loop.folds import BLOCKS, FOLDS, Folds, newton_errors, refitted_errors
+from aero_bayes.loop.modelica_family import CandidateTerm
 from aero_bayes.loop.models import CandidateModel, FittedModel
 from aero_bayes.loop.table import Row, Table
 from aero_bayes.simulation.interface import ParameterTarget
-from aero_bayes.structure.modelica_family import CandidateTerm
 
 pytestmark = pytest.mark.fast
 

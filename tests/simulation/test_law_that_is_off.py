@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 from runs import ran
 
+from aero_bayes.laws.attach import LawBlocks, attached
+from aero_bayes.laws.candidates import Candidate, place_law
+from aero_bayes.laws.coupled_fmu import couple
+from aero_bayes.laws.law import Law, shipped_laws
+from aero_bayes.laws.law_models import LawModels, law_models
+from aero_bayes.loop.fmu_family import FmuPlaces
 from aero_bayes.simulation.interface import Experiment, Outcome, ParameterTarget, Problem, SolverSettings, StartTarget
 from aero_bayes.simulation.model import Model
-from aero_bayes.structure.attach import LawBlocks, attached
-from aero_bayes.structure.candidates import Candidate, place_law
-from aero_bayes.structure.coupled_fmu import couple
-from aero_bayes.structure.fmu_family import FmuPlaces
-from aero_bayes.structure.law import Law, shipped_laws
-from aero_bayes.structure.law_models import LawModels, law_models
 
 pytestmark = pytest.mark.fast
 

@@ -10,9 +10,9 @@ from pathlib import Path
 import pytest
 
 from aero_bayes.config import load_config
+from aero_bayes.laws.candidates import find_candidates, ports_with_laws
+from aero_bayes.laws.law import shipped_laws
 from aero_bayes.modelica.rumoca_front import load_flat
-from aero_bayes.structure.candidates import find_candidates, ports_with_laws
-from aero_bayes.structure.law import shipped_laws
 from study import real
 from study.real import Expectation, RigCase, agreement, case_summary, case_table, judged
 from study.study import Row

@@ -23,8 +23,8 @@ from aero_bayes.commands.job import Job, RunOptions, open_job
 from aero_bayes.commands.loop import fit_settings, loop_settings, sample_settings
 from aero_bayes.config import Config, load_config
 from aero_bayes.errors import InputError
+from aero_bayes.laws.law_places import CandidateFilter
 from aero_bayes.modelica.compilers import export_fmu
-from aero_bayes.structure.law_places import CandidateFilter
 
 ALL = ("fit", "posterior", "close-loop")
 #: The commands that do what a section is about; the others may be given the same file and pass it over.

@@ -80,7 +80,7 @@ from aero_bayes.simulation.engines import open_simulator
 from aero_bayes.simulation.model import ModelicaSource
 
 if TYPE_CHECKING:
-    from aero_bayes.posterior.posterior import Posterior
+    from aero_bayes.estimate.posterior import Posterior
 
 
 Json = dict[str, Any]
@@ -204,7 +204,7 @@ def fit_job(job: Job, progress: ProgressBar, checkpoint: Checkpoint | None = Non
 
 
 def _sample(job: Job, found: Fit, progress: ProgressBar, checkpoint: Checkpoint) -> Posterior:
-    from aero_bayes.posterior.sample import sample
+    from aero_bayes.estimate.sample import sample
 
     posterior = sample(
         found,

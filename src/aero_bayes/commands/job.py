@@ -265,7 +265,7 @@ def fit_parameters(model: Model, config: Config) -> ParameterSet:
 
 def _after_experiment(path: Path, parameters: ParameterSet, own: Sequence[str]) -> ParameterSet:
     """Return the parameters with the posterior of an earlier experiment as prior, where they have none of their own."""
-    from aero_bayes.posterior.posterior import draws_in
+    from aero_bayes.estimate.posterior import draws_in
 
     try:
         return with_joint_prior(parameters, {name: d.ravel() for name, d in draws_in(path).items() if name not in own})

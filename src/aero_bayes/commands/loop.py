@@ -37,7 +37,7 @@ from aero_bayes.simulation.model import Model, ModelicaSource
 from aero_bayes.unknown_names import known_names_hint
 
 if TYPE_CHECKING:
-    from aero_bayes.posterior.convergence import SampleSettings
+    from aero_bayes.estimate.convergence import SampleSettings
 
 
 Settings = TypeVar("Settings", bound=Any)
@@ -81,7 +81,7 @@ def _noise(job: Job) -> NoiseModel:
 
 def sample_settings(job: Job) -> SampleSettings:
     """Return how long the job wants its posterior sampled."""
-    from aero_bayes.posterior.convergence import SampleSettings
+    from aero_bayes.estimate.convergence import SampleSettings
 
     return filled(SampleSettings(), job.config.posterior)
 

@@ -28,9 +28,16 @@ from aero_bayes.estimate.parameters import Parameter
 from aero_bayes.estimate.priors import Uniform
 from aero_bayes.estimate.result import Fit
 from aero_bayes.files import ScratchFolder
+from aero_bayes.laws.balance import Port, PortKind, port_table, signal_expression
+from aero_bayes.laws.candidates import identifier
+from aero_bayes.laws.law_places import LawPlaces
+from aero_bayes.laws.probes import with_drive
 from aero_bayes.loop.extend import Limit, limits_of
 from aero_bayes.loop.first_fit import LoopStatistics
+from aero_bayes.loop.fmu_family import FmuPlaces
+from aero_bayes.loop.modelica_family import ModelicaFamily
 from aero_bayes.loop.models import ModelSource
+from aero_bayes.loop.nominal_values import NOMINAL_QUANTILE, port_nominals
 from aero_bayes.loop.search import Effort, Library, Search
 from aero_bayes.loop.table import law_of
 from aero_bayes.modelica.compose import add_parameter
@@ -43,13 +50,6 @@ from aero_bayes.simulation.engines import open_simulator
 from aero_bayes.simulation.interface import ParameterTarget
 from aero_bayes.simulation.model import Model
 from aero_bayes.simulation.workers import WorkerPool
-from aero_bayes.structure.balance import Port, PortKind, port_table, signal_expression
-from aero_bayes.structure.candidates import identifier
-from aero_bayes.structure.fmu_family import FmuPlaces
-from aero_bayes.structure.law_places import LawPlaces
-from aero_bayes.structure.modelica_family import ModelicaFamily
-from aero_bayes.structure.nominal_values import NOMINAL_QUANTILE, port_nominals
-from aero_bayes.structure.probes import with_drive
 
 PortRow = dict[str, Any]
 
@@ -109,7 +109,7 @@ def _rows(options: RunOptions, data: Sequence[Path]) -> list[PortRow]:
 
 
 def _model_ports(places: LawPlaces, options: RunOptions, data: Sequence[Path]) -> list[PortRow]:
-    """Return rows of :func:`~aero_bayes.structure.balance.port_table`, with recordings what these show of each port.
+    """Return rows of :func:`~aero_bayes.laws.balance.port_table`, with recordings what these show of each port.
 
     ``options.out`` is where FMUs are built for the recordings' sake."""
     rows: list[PortRow] = port_table(places.ports)

@@ -30,8 +30,8 @@ from typing import Literal
 
 import numpy as np
 
+from aero_bayes.laws.law_places import is_held
 from aero_bayes.loop.table import MATERIAL, Table, Terms, law_of
-from aero_bayes.structure.law_places import is_held
 
 ClaimKind = Literal["law", "place", "mechanism", "one of"]
 

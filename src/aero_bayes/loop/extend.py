@@ -20,13 +20,13 @@ from aero_bayes.estimate.predict_recordings import Prediction
 from aero_bayes.estimate.residual_tests import ResidualReport, check_residuals
 from aero_bayes.estimate.result import Fit
 from aero_bayes.estimate.simulation_error import exact_enough, sharper_model
+from aero_bayes.laws.open_ports import CurveBasis, LearnedCurve
 from aero_bayes.loop.decide import ClaimKind, Decision
 from aero_bayes.loop.first_fit import SEARCHED, FirstFit, LoopContext, refitted
+from aero_bayes.loop.modelica_family import ExtendedModel
 from aero_bayes.loop.search import Search
 from aero_bayes.loop.table import BOTH, Table, Terms, law_of
 from aero_bayes.plain import Number, plain
-from aero_bayes.structure.modelica_family import ExtendedModel
-from aero_bayes.structure.open_ports import CurveBasis, LearnedCurve
 
 
 @dataclass(frozen=True)

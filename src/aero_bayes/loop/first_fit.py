@@ -33,13 +33,13 @@ from aero_bayes.estimate.parameters import ChosenParameters, Parameter, Paramete
 from aero_bayes.estimate.predict_recordings import Predictor
 from aero_bayes.estimate.residual_tests import ResidualReport, check_residuals, structured_residuals
 from aero_bayes.estimate.result import Fit
+from aero_bayes.loop.modelica_family import ModelicaFamily
 from aero_bayes.parallel import ParallelMap
 from aero_bayes.progress import Watched
 from aero_bayes.simulation.engines import open_simulator
 from aero_bayes.simulation.interface import Experiment, Outcome, Problem, Simulator, SolverSettings
 from aero_bayes.simulation.model import Model
 from aero_bayes.simulation.workers import WorkerPool
-from aero_bayes.structure.modelica_family import ModelicaFamily
 
 
 @dataclass(frozen=True, repr=False)

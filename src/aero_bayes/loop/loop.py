@@ -19,6 +19,7 @@ from aero_bayes.estimate.initial_states import screened
 from aero_bayes.estimate.parameters import ParameterSet, ParameterSpec, chosen_parameters
 from aero_bayes.estimate.result import Fit
 from aero_bayes.files import ScratchFolder
+from aero_bayes.laws.law_places import CandidateFilter, LawPlaces
 from aero_bayes.loop.decide import ClaimKind, Decision, decide
 from aero_bayes.loop.extend import ExtendedFit, extend
 from aero_bayes.loop.first_fit import (
@@ -30,7 +31,10 @@ from aero_bayes.loop.first_fit import (
     beginning_share,
     first_fit,
 )
+from aero_bayes.loop.fmu_family import FmuFamily, FmuPlaces
+from aero_bayes.loop.held_values import held_values
 from aero_bayes.loop.make_result import Ended, result_of
+from aero_bayes.loop.modelica_family import ModelicaFamily
 from aero_bayes.loop.models import FittedModel, ModelSource
 from aero_bayes.loop.result import LoopResult
 from aero_bayes.loop.search import Effort, Library, Search
@@ -42,10 +46,6 @@ from aero_bayes.simulation.function_model import FunctionModel
 from aero_bayes.simulation.interface import ParameterTarget
 from aero_bayes.simulation.model import Model, ModelicaSource
 from aero_bayes.simulation.workers import WorkerPool
-from aero_bayes.structure.fmu_family import FmuFamily, FmuPlaces
-from aero_bayes.structure.held_values import held_values
-from aero_bayes.structure.law_places import CandidateFilter, LawPlaces
-from aero_bayes.structure.modelica_family import ModelicaFamily
 
 #: Decisions after which the last one stands.
 MOST_DECISIONS = 40

@@ -16,10 +16,10 @@ from aero_bayes.estimate.local_fit import LocalFitSettings, Optimum, fit_noise
 from aero_bayes.estimate.objective import Objective
 from aero_bayes.estimate.parameters import Parameter, ParameterSet, prior_curvature
 from aero_bayes.estimate.residual_tests import check_residuals
+from aero_bayes.loop.held_values import held_candidate
+from aero_bayes.loop.modelica_family import CandidateTerm, ModelicaFamily, OpenSimulator
 from aero_bayes.loop.table import Terms
 from aero_bayes.simulation.interface import ParameterTarget
-from aero_bayes.structure.held_values import held_candidate
-from aero_bayes.structure.modelica_family import CandidateTerm, ModelicaFamily, OpenSimulator
 
 #: Distance of a term's size from where the term is off that counts as none, as a share of its largest nominal one.
 MIN_SIZE = 1e-9

@@ -10,8 +10,8 @@ from aero_bayes.estimate.calibrated_model import value_text
 from aero_bayes.estimate.diagnosis import DiagnosisRow
 from aero_bayes.estimate.identifiability import Estimate
 from aero_bayes.estimate.residual_tests import RecordingError, Verdict
+from aero_bayes.estimate.sampled_modes import ModeDraws
 from aero_bayes.plain import number
-from aero_bayes.posterior.modes import ModeDraws
 from aero_bayes.report.schema_estimate import McmcJson
 from aero_bayes.report.schema_run import RunJson
 from aero_bayes.report.tables import bar, html_table, intervals_glyph, ratio_glyph, status_pill

@@ -18,12 +18,12 @@ from aero_bayes.arrays import FloatArray
 from aero_bayes.data.recording import Recording
 from aero_bayes.data.split import Role
 from aero_bayes.errors import InputError
+from aero_bayes.estimate.posterior import Posterior
 from aero_bayes.estimate.prediction import RecordingPrediction
 from aero_bayes.estimate.result import Fit
 from aero_bayes.figures import Picture, draws
 from aero_bayes.loop.result import LoopResult
 from aero_bayes.plain import plain
-from aero_bayes.posterior.posterior import Posterior
 from aero_bayes.report.curves import legend, opening_scene, recording_panels, scene_panels, stretch_words
 from aero_bayes.report.drawing import Panel, draw
 from aero_bayes.report.loop_figures import rounds_canvas

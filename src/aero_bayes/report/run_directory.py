@@ -158,7 +158,7 @@ class RunDirectory(HasPage):
         Traceback (most recent call last):
         aero_bayes.errors.InputError: ...: the run has no posterior.nc; aero-bayes posterior writes one
         """
-        from aero_bayes.posterior.posterior import load
+        from aero_bayes.estimate.posterior import load
 
         path = self.path / "posterior.nc"
         if not path.is_file():
@@ -310,7 +310,7 @@ def _read_series(path: Path) -> dict[str, FloatArray]:
 def _read_posterior(path: Path) -> dict[str, FloatArray]:
     if not path.is_file():
         return {}
-    from aero_bayes.posterior.posterior import draws_in
+    from aero_bayes.estimate.posterior import draws_in
 
     try:
         return draws_in(path)

@@ -7,13 +7,13 @@ from typing import Literal
 from pydantic import BaseModel, ConfigDict, JsonValue
 
 from aero_bayes.data.split import Role
+from aero_bayes.estimate.convergence import Convergence
 from aero_bayes.estimate.global_search import StageReport
 from aero_bayes.estimate.identifiability import Combination
 from aero_bayes.estimate.modes import Mode
 from aero_bayes.estimate.other_tools import ValueTrial
+from aero_bayes.estimate.sampled_modes import ModeDraws
 from aero_bayes.plain import Number
-from aero_bayes.posterior.convergence import Convergence
-from aero_bayes.posterior.modes import ModeDraws
 
 Level = Literal["good", "warning", "bad"]
 JsonNumber = float | None

@@ -1,5 +1,5 @@
 /* An FMU's library and its functions, FMI 2.0 or 3.0 alike. The FMUs that put laws around another one are made of this
- * file too (structure/native/coupler.c). */
+ * file too (laws/native/coupler.c). */
 #include <stdio.h>
 
 #include "fmu_library.h"

@@ -76,7 +76,7 @@ typedef struct Fmu {
                        double *);
     int (*columns)(fmi_component, const fmi_reference *, size_t, const fmi_reference *, size_t,
                    double *); /* ab_columns of FMUs of our own: derivatives of several by several at once */
-    int (*operators_off)(fmi_component, int); /* of coupled models only (structure/native/coupler.h) */
+    int (*operators_off)(fmi_component, int); /* of coupled models only (laws/native/coupler.h) */
     int (*operator_values)(fmi_component, int, size_t, const double *, double *, size_t, const fmi_reference *,
                            double *);
 } Fmu;

@@ -1,6 +1,6 @@
 /* Laws at a recorded input, one behind the other, are operators on its signal: what they make of it is found before the
  * simulation, and the model is driven by that. Laws at an output act on its samples. They have no states of their own. A
- * model with such laws has the functions for it (structure/native/coupler.h).
+ * model with such laws has the functions for it (laws/native/coupler.h).
  *
  * Where the input is held, one value a sample is exact. Where it is linear, u(s) over a sample, the states see y(u(s))
  * through a filter, and no more of it than its first moments over the sample: y is replaced by the line with the same two

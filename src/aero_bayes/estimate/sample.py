@@ -15,14 +15,22 @@ from threadpoolctl import threadpool_limits
 from aero_bayes.arrays import FloatArray
 from aero_bayes.checkpoint import Checkpoint, digest
 from aero_bayes.errors import CannotFinishError, InputError
+from aero_bayes.estimate.convergence import Convergence, SampleSettings
+from aero_bayes.estimate.mcmc import Chain, run_chain
+from aero_bayes.estimate.moves import WarpedStudentT
+from aero_bayes.estimate.posterior import Posterior
 from aero_bayes.estimate.prediction import predictives
 from aero_bayes.estimate.result import Fit, HasFit, fit_of
+from aero_bayes.estimate.sampled_modes import (
+    ModeDraws,
+    NearestAdjustment,
+    Region,
+    mixed,
+    mode_fits,
+    mode_rows,
+    mode_shares,
+)
 from aero_bayes.estimate.target import JointTarget
-from aero_bayes.posterior.convergence import Convergence, SampleSettings
-from aero_bayes.posterior.mcmc import Chain, run_chain
-from aero_bayes.posterior.modes import ModeDraws, NearestAdjustment, Region, mixed, mode_fits, mode_rows, mode_shares
-from aero_bayes.posterior.moves import WarpedStudentT
-from aero_bayes.posterior.posterior import Posterior
 from aero_bayes.progress import Progress, Watched, watching
 from aero_bayes.simulation.engines import open_simulator
 from aero_bayes.simulation.interface import Simulator

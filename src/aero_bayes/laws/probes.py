@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from aero_bayes.errors import InputError
+from aero_bayes.laws.balance import Port
+from aero_bayes.laws.internal_signals import defining_equations
 from aero_bayes.modelica.compose import add_input, add_term, replace_uses, separate_elements
 from aero_bayes.modelica.flat import FlatModel
 from aero_bayes.modelica.syntax import Call, Expression, Name, parse_reference
-from aero_bayes.structure.balance import Port
-from aero_bayes.structure.internal_signals import defining_equations
 
 
 def with_probe(flat: FlatModel, port: Port, name: str, sign: float) -> FlatModel:

@@ -24,9 +24,9 @@ from numpy.typing import NDArray
 from aero_bayes.arrays import FloatArray
 from aero_bayes.checkpoint import Arrays, Checkpoint, digest, pack, pack_random, unpack, unpack_random
 from aero_bayes.errors import CannotFinishError
-from aero_bayes.posterior.adaptation import Adaptation, Density, adapt, log_prior_of, scan_axes
-from aero_bayes.posterior.convergence import MIN_STEPS, Convergence, SampleSettings, StoppingDecision, decide
-from aero_bayes.posterior.moves import (
+from aero_bayes.estimate.adaptation import Adaptation, Density, adapt, log_prior_of, scan_axes
+from aero_bayes.estimate.convergence import MIN_STEPS, Convergence, SampleSettings, StoppingDecision, decide
+from aero_bayes.estimate.moves import (
     DelayedAcceptanceMove,
     DelayedAcceptanceWalkMove,
     DifferentialMove,

@@ -21,17 +21,17 @@ import numpy as np
 from aero_bayes.arrays import FloatArray
 from aero_bayes.errors import InputError
 from aero_bayes.estimate.calibration import Calibration
+from aero_bayes.estimate.convergence import Convergence
 from aero_bayes.estimate.identifiability import Estimate, Status, estimates_html, status_of
 from aero_bayes.estimate.noise import OutputNoise
 from aero_bayes.estimate.other_tools import chosen_estimates, noise_table, process_noise_table
 from aero_bayes.estimate.parameters import Parameter, ParameterSet
 from aero_bayes.estimate.prediction import FittedPredictor, FittedResult, Predictive
 from aero_bayes.estimate.result import Fit
+from aero_bayes.estimate.sampled_modes import ModeDraws
 from aero_bayes.figures import HasPage, Picture, drawn
 from aero_bayes.files import whole_file
 from aero_bayes.plain import picked, plain
-from aero_bayes.posterior.convergence import Convergence
-from aero_bayes.posterior.modes import ModeDraws
 from aero_bayes.simulation.interface import Outcome
 
 Json = dict[str, object]

@@ -10,6 +10,12 @@ from xml.etree import ElementTree
 import numpy as np
 
 from aero_bayes.arrays import FloatArray
+from aero_bayes.laws.aliases import AliasStructure, alias_structure
+from aero_bayes.laws.balance import signal_expression, signal_parts
+from aero_bayes.laws.candidates import PlacedLaw, identifier
+from aero_bayes.laws.coupled_fmu import BASE, INPUT, STATE, UNREAD_SUFFIX, Source, Terms
+from aero_bayes.laws.law_models import LawModels
+from aero_bayes.laws.probes import with_probe
 from aero_bayes.modelica.causalisation import causalise
 from aero_bayes.modelica.compose import TRUE_SUFFIX, add_output
 from aero_bayes.modelica.equation_system import translate
@@ -17,12 +23,6 @@ from aero_bayes.modelica.expression import evaluate_nodes
 from aero_bayes.modelica.flat import FlatModel
 from aero_bayes.modelica.syntax import Call
 from aero_bayes.simulation.model import Model
-from aero_bayes.structure.aliases import AliasStructure, alias_structure
-from aero_bayes.structure.balance import signal_expression, signal_parts
-from aero_bayes.structure.candidates import PlacedLaw, identifier
-from aero_bayes.structure.coupled_fmu import BASE, INPUT, STATE, UNREAD_SUFFIX, Source, Terms
-from aero_bayes.structure.law_models import LawModels
-from aero_bayes.structure.probes import with_probe
 
 
 @dataclass(frozen=True, eq=False)

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Collection, Iterator, Mapping, Sequence, Set
 from dataclasses import replace
 
+from aero_bayes.laws.aliases import AliasStructure, derived_in, derived_names, is_derivative
+from aero_bayes.laws.balance import DIFFERENCE, KELVIN, Port, signal_port
+from aero_bayes.laws.relative_motion import all_differences, balance_of, differences_in, unit_in
 from aero_bayes.modelica.flat import FlatEquation, FlatModel
 from aero_bayes.modelica.graphs import reachable
 from aero_bayes.modelica.syntax import Expression, Name, children, names_in
-from aero_bayes.structure.aliases import AliasStructure, derived_in, derived_names, is_derivative
-from aero_bayes.structure.balance import DIFFERENCE, KELVIN, Port, signal_port
-from aero_bayes.structure.relative_motion import all_differences, balance_of, differences_in, unit_in
 
 #: Index of an equation in the model, the variables in it, and the alias classes that it determines.
 Determined = tuple[int, set[str], set[str]]

@@ -9,9 +9,9 @@ from aero_bayes.errors import InputError
 from aero_bayes.estimate.calibration import Calibration, recording_suffix
 from aero_bayes.estimate.held_starts import held_starts
 from aero_bayes.estimate.parameters import Parameter, parameters_from_model
+from aero_bayes.laws.law_places import START, VALUE, CandidateFilter
+from aero_bayes.loop.modelica_family import CandidateTerm
 from aero_bayes.simulation.interface import ParameterTarget
-from aero_bayes.structure.law_places import START, VALUE, CandidateFilter
-from aero_bayes.structure.modelica_family import CandidateTerm
 
 #: Fixed values and starts that are tried, each; an FMU may have hundreds.
 MOST_VALUES = 40

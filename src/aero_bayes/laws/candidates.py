@@ -10,11 +10,11 @@ from typing import Self
 
 from aero_bayes.declared import PackageDeclaration
 from aero_bayes.errors import InputError
+from aero_bayes.laws.balance import DIFFERENCE, KELVIN, LOAD, Port
+from aero_bayes.laws.find import find_ports
+from aero_bayes.laws.law import SIGNAL_DEFAULTS, Law, LawParameter
 from aero_bayes.modelica.flat import FlatModel
 from aero_bayes.modelica.units import Dimension, dimension_of_unit
-from aero_bayes.structure.balance import DIFFERENCE, KELVIN, LOAD, Port
-from aero_bayes.structure.find import find_ports
-from aero_bayes.structure.law import SIGNAL_DEFAULTS, Law, LawParameter
 from aero_bayes.unknown_names import closest_name
 
 

@@ -10,12 +10,9 @@ from pathlib import Path
 from aero_bayes.declared import PackageDeclaration
 from aero_bayes.errors import InputError
 from aero_bayes.estimate.measured_data import MeasuredData
-from aero_bayes.modelica.flat import FlatModel
-from aero_bayes.modelica.library import declaration_of, rig_packages
-from aero_bayes.modelica.rumoca_front import load_flat
-from aero_bayes.structure.aliases import AliasStructure, alias_structure
-from aero_bayes.structure.balance import Port
-from aero_bayes.structure.candidates import (
+from aero_bayes.laws.aliases import AliasStructure, alias_structure
+from aero_bayes.laws.balance import Port
+from aero_bayes.laws.candidates import (
     Candidate,
     declared_candidates,
     describe_law,
@@ -24,13 +21,16 @@ from aero_bayes.structure.candidates import (
     ports_with_laws,
     with_twins,
 )
-from aero_bayes.structure.law import (
+from aero_bayes.laws.law import (
     Law,
     read_laws,
     shipped_laws,
 )
-from aero_bayes.structure.law_models import LawModels, law_models
-from aero_bayes.structure.write_model import can_be_written, reserved_names
+from aero_bayes.laws.law_models import LawModels, law_models
+from aero_bayes.laws.write_model import can_be_written, reserved_names
+from aero_bayes.modelica.flat import FlatModel
+from aero_bayes.modelica.library import declaration_of, rig_packages
+from aero_bayes.modelica.rumoca_front import load_flat
 from aero_bayes.unknown_names import closest_name
 
 #: What the names under each key mean.

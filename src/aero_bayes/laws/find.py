@@ -6,15 +6,8 @@ from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 from aero_bayes.errors import InputError
-from aero_bayes.modelica.causalisation import causalise
-from aero_bayes.modelica.compose import add_output
-from aero_bayes.modelica.equation_system import translate
-from aero_bayes.modelica.flat import FlatEquation, FlatModel, FlatVariable
-from aero_bayes.modelica.graphs import assign, reachable
-from aero_bayes.modelica.syntax import Call, Expression, Name, children, names_in, parse_reference, short_text
-from aero_bayes.modelica.units import dimension_of_unit
-from aero_bayes.structure.aliases import AliasStructure, alias_structure, derived_names, is_derivative
-from aero_bayes.structure.balance import (
+from aero_bayes.laws.aliases import AliasStructure, alias_structure, derived_names, is_derivative
+from aero_bayes.laws.balance import (
     LOAD,
     Balance,
     Port,
@@ -23,9 +16,9 @@ from aero_bayes.structure.balance import (
     parameter_values,
     signal_port,
 )
-from aero_bayes.structure.insertion_point import Driver
-from aero_bayes.structure.internal_signals import ambient_differences, connected_inputs, internal_signals
-from aero_bayes.structure.relative_motion import (
+from aero_bayes.laws.insertion_point import Driver
+from aero_bayes.laws.internal_signals import ambient_differences, connected_inputs, internal_signals
+from aero_bayes.laws.relative_motion import (
     SPEEDS,
     branch_ports,
     force_outputs,
@@ -43,6 +36,13 @@ from aero_bayes.structure.relative_motion import (
     unit_in,
     units_of,
 )
+from aero_bayes.modelica.causalisation import causalise
+from aero_bayes.modelica.compose import add_output
+from aero_bayes.modelica.equation_system import translate
+from aero_bayes.modelica.flat import FlatEquation, FlatModel, FlatVariable
+from aero_bayes.modelica.graphs import assign, reachable
+from aero_bayes.modelica.syntax import Call, Expression, Name, children, names_in, parse_reference, short_text
+from aero_bayes.modelica.units import dimension_of_unit
 
 
 def find_ports(flat: FlatModel) -> list[Port]:

@@ -7,6 +7,8 @@ from dataclasses import dataclass, field
 from typing import Any, Literal
 
 from aero_bayes.errors import InputError
+from aero_bayes.laws.aliases import derived_names, substituted
+from aero_bayes.laws.insertion_point import Driver, InsertionPoint, RowIndex, element_of_row, find_insertion_point
 from aero_bayes.modelica.compose import attribute_value
 from aero_bayes.modelica.flat import FlatModel
 from aero_bayes.modelica.parse import SourceLocation, parse_text
@@ -24,8 +26,6 @@ from aero_bayes.modelica.syntax import (
     walk,
 )
 from aero_bayes.modelica.units import Dimension, dimension_of_unit, unit_text, without_angle
-from aero_bayes.structure.aliases import derived_names, substituted
-from aero_bayes.structure.insertion_point import Driver, InsertionPoint, RowIndex, element_of_row, find_insertion_point
 
 #: Placeholder of the additional term in the residual of a vector equation.
 TERM = Name("")

@@ -12,19 +12,9 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from aero_bayes.errors import InputError
-from aero_bayes.modelica.causalisation import causalise
-from aero_bayes.modelica.codegen import HELD
-from aero_bayes.modelica.compose import attribute_value
-from aero_bayes.modelica.embedded import export_flat
-from aero_bayes.modelica.equation_system import translate
-from aero_bayes.modelica.expression import Node
-from aero_bayes.modelica.flat import FlatEquation, FlatModel, FlatVariable
-from aero_bayes.modelica.syntax import Call, Expression, Name, Number, map_children
-from aero_bayes.simulation.model import Model
-from aero_bayes.simulation.model_description import Variable
-from aero_bayes.structure.balance import Port, signal_parts
-from aero_bayes.structure.candidates import PlacedLaw
-from aero_bayes.structure.coupled_fmu import (
+from aero_bayes.laws.balance import Port, signal_parts
+from aero_bayes.laws.candidates import PlacedLaw
+from aero_bayes.laws.coupled_fmu import (
     BASE,
     INPUT,
     STATE,
@@ -36,10 +26,20 @@ from aero_bayes.structure.coupled_fmu import (
     Source,
     Terms,
 )
-from aero_bayes.structure.held_step import step_of, with_held_step
-from aero_bayes.structure.law import Law
-from aero_bayes.structure.law_models import LawModels
-from aero_bayes.structure.open_ports import OpenModel
+from aero_bayes.laws.held_step import step_of, with_held_step
+from aero_bayes.laws.law import Law
+from aero_bayes.laws.law_models import LawModels
+from aero_bayes.laws.open_ports import OpenModel
+from aero_bayes.modelica.causalisation import causalise
+from aero_bayes.modelica.codegen import HELD
+from aero_bayes.modelica.compose import attribute_value
+from aero_bayes.modelica.embedded import export_flat
+from aero_bayes.modelica.equation_system import translate
+from aero_bayes.modelica.expression import Node
+from aero_bayes.modelica.flat import FlatEquation, FlatModel, FlatVariable
+from aero_bayes.modelica.syntax import Call, Expression, Name, Number, map_children
+from aero_bayes.simulation.model import Model
+from aero_bayes.simulation.model_description import Variable
 
 #: Suffix of the input that is the derivative of another input.
 RATE_SUFFIX = "_rate"

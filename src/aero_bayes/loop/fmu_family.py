@@ -15,17 +15,16 @@ from aero_bayes.estimate.local_fit import Optimum
 from aero_bayes.estimate.measured_data import MeasuredData
 from aero_bayes.estimate.parameters import Parameter
 from aero_bayes.files import write_whole
-from aero_bayes.modelica.syntax import Number
-from aero_bayes.simulation.model import Model
-from aero_bayes.simulation.model_description import Variable
-from aero_bayes.structure.attach import attached
-from aero_bayes.structure.balance import Balance, Port, PortKind, signal_port
-from aero_bayes.structure.candidates import Candidate, PlacedLaw, find_candidates, identifier, with_applicable_laws
-from aero_bayes.structure.class_with_laws import class_text
-from aero_bayes.structure.coupled_fmu import BASE, INPUT, STATE, UNREAD_SUFFIX, Coupling, Source, Terms, couple
-from aero_bayes.structure.law_places import LawPlaces
-from aero_bayes.structure.modelica_family import ExtendedModel, ModelicaFamily, OpenSimulator, PortNominals
-from aero_bayes.structure.nominal_values import (
+from aero_bayes.laws.attach import attached
+from aero_bayes.laws.balance import Balance, Port, PortKind, signal_port
+from aero_bayes.laws.candidates import Candidate, PlacedLaw, find_candidates, identifier, with_applicable_laws
+from aero_bayes.laws.class_with_laws import class_text
+from aero_bayes.laws.coupled_fmu import BASE, INPUT, STATE, UNREAD_SUFFIX, Coupling, Source, Terms, couple
+from aero_bayes.laws.law_places import LawPlaces
+from aero_bayes.laws.open_ports import OpenModel
+from aero_bayes.laws.write_model import WrittenModel
+from aero_bayes.loop.modelica_family import ExtendedModel, ModelicaFamily, OpenSimulator, PortNominals
+from aero_bayes.loop.nominal_values import (
     fastest_time_scale,
     recorded_inputs,
     relative_change,
@@ -34,8 +33,9 @@ from aero_bayes.structure.nominal_values import (
     simulated_signals,
     visited_range,
 )
-from aero_bayes.structure.open_ports import OpenModel
-from aero_bayes.structure.write_model import WrittenModel
+from aero_bayes.modelica.syntax import Number
+from aero_bayes.simulation.model import Model
+from aero_bayes.simulation.model_description import Variable
 
 #: By the unit of a force or torque: the unit of the speed, and units of the position.
 _MOTIONS: Mapping[str, tuple[str, tuple[str, ...]]] = {

@@ -6,12 +6,8 @@ from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import combinations
 
-from aero_bayes.modelica.flat import FlatEquation, FlatVariable
-from aero_bayes.modelica.graphs import reachable
-from aero_bayes.modelica.syntax import Call, Expression, Name, Number, names_in, summands, walk
-from aero_bayes.modelica.units import Dimension, dimension_of_unit
-from aero_bayes.structure.aliases import AliasStructure, derived_in, is_derivative
-from aero_bayes.structure.balance import (
+from aero_bayes.laws.aliases import AliasStructure, derived_in, is_derivative
+from aero_bayes.laws.balance import (
     DIFFERENCE,
     LOAD,
     Balance,
@@ -21,7 +17,11 @@ from aero_bayes.structure.balance import (
     parameter_values,
     signal_expression,
 )
-from aero_bayes.structure.insertion_point import Driver, sign_of_factor
+from aero_bayes.laws.insertion_point import Driver, sign_of_factor
+from aero_bayes.modelica.flat import FlatEquation, FlatVariable
+from aero_bayes.modelica.graphs import reachable
+from aero_bayes.modelica.syntax import Call, Expression, Name, Number, names_in, summands, walk
+from aero_bayes.modelica.units import Dimension, dimension_of_unit
 
 SPEEDS = ({"rad": 1.0, "s": -1.0}, {"m": 1.0, "s": -1.0})
 

@@ -20,6 +20,28 @@ from aero_bayes.estimate.parameters import Parameter, ParameterSet
 from aero_bayes.estimate.priors import LogUniform, Normal
 from aero_bayes.estimate.simulation_error import sharpened
 from aero_bayes.files import ScratchFolder
+from aero_bayes.laws.attach import AlgebraicLoopError, LawBlocks, attached, can_be_attached
+from aero_bayes.laws.candidates import (
+    PlacedLaw,
+    is_possible,
+    place_law,
+    place_laws,
+    with_moved_input,
+)
+from aero_bayes.laws.coupled_fmu import couple
+from aero_bayes.laws.law import START_PREFIX
+from aero_bayes.laws.law_places import START, LawPlaces, is_held
+from aero_bayes.laws.open_ports import (
+    CurveBasis,
+    OpenModel,
+    curve_basis,
+    open_model,
+    state_aliases,
+    state_names,
+    states_by_base_name,
+)
+from aero_bayes.laws.write_model import WrittenModel, write_laws
+from aero_bayes.loop.nominal_values import port_nominals
 from aero_bayes.modelica.embedded import export_flat
 from aero_bayes.modelica.flat import FlatModel
 from aero_bayes.modelica.library import declared_members
@@ -33,28 +55,6 @@ from aero_bayes.simulation.interface import (
     StartTarget,
 )
 from aero_bayes.simulation.model import Model, ModelicaSource
-from aero_bayes.structure.attach import AlgebraicLoopError, LawBlocks, attached, can_be_attached
-from aero_bayes.structure.candidates import (
-    PlacedLaw,
-    is_possible,
-    place_law,
-    place_laws,
-    with_moved_input,
-)
-from aero_bayes.structure.coupled_fmu import couple
-from aero_bayes.structure.law import START_PREFIX
-from aero_bayes.structure.law_places import START, LawPlaces, is_held
-from aero_bayes.structure.nominal_values import port_nominals
-from aero_bayes.structure.open_ports import (
-    CurveBasis,
-    OpenModel,
-    curve_basis,
-    open_model,
-    state_aliases,
-    state_names,
-    states_by_base_name,
-)
-from aero_bayes.structure.write_model import WrittenModel, write_laws
 
 OpenSimulator = Callable[[Problem], Simulator]
 

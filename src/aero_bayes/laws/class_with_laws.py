@@ -8,6 +8,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 from aero_bayes.errors import InputError
+from aero_bayes.laws.candidates import PlacedLaw, describe_law, identifier
+from aero_bayes.laws.law import SIGNAL_DEFAULTS, Law
 from aero_bayes.modelica.class_reader import read_classes
 from aero_bayes.modelica.classes import ClassText, ComponentDeclaration, SourceStatement
 from aero_bayes.modelica.edits import (
@@ -31,8 +33,6 @@ from aero_bayes.modelica.parse import (
 )
 from aero_bayes.modelica.sources import SourceFile, Sources, inline_base_classes, standalone_text
 from aero_bayes.modelica.syntax import summands
-from aero_bayes.structure.candidates import PlacedLaw, describe_law, identifier
-from aero_bayes.structure.law import SIGNAL_DEFAULTS, Law
 
 
 @dataclass

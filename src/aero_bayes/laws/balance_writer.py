@@ -6,18 +6,18 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 from aero_bayes.errors import InputError
+from aero_bayes.laws.aliases import AliasStructure
+from aero_bayes.laws.balance import Port, parameter_values, signal_expression
+from aero_bayes.laws.candidates import PlacedLaw, identifier
+from aero_bayes.laws.class_with_laws import ClassWithLaws, formula, without_indices
+from aero_bayes.laws.find import driver_names, is_driver
+from aero_bayes.laws.insertion_point import InsertionPoint, find_insertion_point, in_vector
 from aero_bayes.modelica.classes import ClassText, SourceStatement
 from aero_bayes.modelica.compose import attribute_value
 from aero_bayes.modelica.flat import FlatEquation, FlatModel
 from aero_bayes.modelica.parse import find_outside, parse_expression, sides_of
 from aero_bayes.modelica.sources import Sources
 from aero_bayes.modelica.syntax import Expression, Name, map_names, modelica_text, parse_reference, short_text
-from aero_bayes.structure.aliases import AliasStructure
-from aero_bayes.structure.balance import Port, parameter_values, signal_expression
-from aero_bayes.structure.candidates import PlacedLaw, identifier
-from aero_bayes.structure.class_with_laws import ClassWithLaws, formula, without_indices
-from aero_bayes.structure.find import driver_names, is_driver
-from aero_bayes.structure.insertion_point import InsertionPoint, find_insertion_point, in_vector
 
 #: Longest formula that is written as a term. A law with a longer one is written as a component.
 MAX_FORMULA_LENGTH = 70

@@ -12,7 +12,7 @@ from scipy.linalg import cho_factor, cho_solve
 from scipy.special import chdtri, ndtr
 
 from aero_bayes.arrays import FloatArray
-from aero_bayes.posterior.moves import KNOT_SCORES, Warp, WarpedStudentT
+from aero_bayes.estimate.moves import KNOT_SCORES, Warp, WarpedStudentT
 
 Density = Callable[[FloatArray], FloatArray]
 

@@ -15,15 +15,15 @@ from aero_bayes.errors import InputError
 from aero_bayes.estimate.calibration import Calibration
 from aero_bayes.estimate.local_fit import OpenSimulator, Optimum
 from aero_bayes.estimate.measured_data import MeasuredData
+from aero_bayes.laws.aliases import AliasStructure, alias_structure
+from aero_bayes.laws.balance import KELVIN, Port, signal_expression
+from aero_bayes.laws.probes import with_probe
 from aero_bayes.modelica.compose import add_output
 from aero_bayes.modelica.embedded import export_flat
 from aero_bayes.modelica.flat import FlatModel
 from aero_bayes.modelica.syntax import Call, Expression, Name, Number, summands
 from aero_bayes.simulation.interface import InputSignal, Outcome
 from aero_bayes.simulation.model import Model
-from aero_bayes.structure.aliases import AliasStructure, alias_structure
-from aero_bayes.structure.balance import KELVIN, Port, signal_expression
-from aero_bayes.structure.probes import with_probe
 
 #: The nominal value of a signal is this quantile of its absolute values.
 NOMINAL_QUANTILE = 0.995

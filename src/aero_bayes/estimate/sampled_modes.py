@@ -16,12 +16,12 @@ from aero_bayes.errors import CannotFinishError
 from aero_bayes.estimate.finished_fit import at_optimum
 from aero_bayes.estimate.levenberg_marquardt import Stop
 from aero_bayes.estimate.local_fit import LocalFitSettings, local_fit
+from aero_bayes.estimate.mcmc import Chain
 from aero_bayes.estimate.modes import Mode, is_another, likelihood_temperature
+from aero_bayes.estimate.moves import WarpedStudentT
 from aero_bayes.estimate.objective import objective_of
 from aero_bayes.estimate.result import Fit
 from aero_bayes.estimate.target import CurvatureAdjustment, JointTarget
-from aero_bayes.posterior.mcmc import Chain
-from aero_bayes.posterior.moves import WarpedStudentT
 from aero_bayes.simulation.interface import Simulator
 
 #: Shape above which an estimate from smoothed weights is not to be trusted.

@@ -7,11 +7,11 @@ from dataclasses import replace
 from pathlib import Path
 
 from aero_bayes.files import ScratchFolder
+from aero_bayes.laws.class_with_laws import class_text
+from aero_bayes.laws.law import Law
 from aero_bayes.modelica.flat import FlatEquation, FlatModel
 from aero_bayes.modelica.rumoca_front import load_flat
 from aero_bayes.modelica.syntax import Expression, Name, map_names
-from aero_bayes.structure.class_with_laws import class_text
-from aero_bayes.structure.law import Law
 
 LawModels = Mapping[tuple[str, str], FlatModel]
 

@@ -10,6 +10,11 @@ from typing import Self
 
 from aero_bayes.errors import InputError
 from aero_bayes.files import write_whole
+from aero_bayes.laws.aliases import AliasStructure, alias_structure
+from aero_bayes.laws.balance import DIFFERENCE, Attachment, Port
+from aero_bayes.laws.balance_writer import MAX_FORMULA_LENGTH, BalanceWriter, class_of, equation_of
+from aero_bayes.laws.candidates import PlacedLaw
+from aero_bayes.laws.class_with_laws import ClassWithLaws, without_indices
 from aero_bayes.modelica.class_reader import read_classes
 from aero_bayes.modelica.classes import ClassText, ComponentDeclaration, SourceStatement
 from aero_bayes.modelica.compose import ACTING_SUFFIX, TRUE_SUFFIX
@@ -19,11 +24,6 @@ from aero_bayes.modelica.library import rig_packages
 from aero_bayes.modelica.parse import Token, find_outside, split_outside, tokenize, words_of
 from aero_bayes.modelica.sources import SourceFile, Sources, modelica_files, read_file, read_modelica_text
 from aero_bayes.modelica.syntax import parse_reference
-from aero_bayes.structure.aliases import AliasStructure, alias_structure
-from aero_bayes.structure.balance import DIFFERENCE, Attachment, Port
-from aero_bayes.structure.balance_writer import MAX_FORMULA_LENGTH, BalanceWriter, class_of, equation_of
-from aero_bayes.structure.candidates import PlacedLaw
-from aero_bayes.structure.class_with_laws import ClassWithLaws, without_indices
 
 
 class ConnectionWriter:

@@ -7,13 +7,13 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from aero_bayes.laws.law import Law
 from aero_bayes.modelica.causalisation import causalise
 from aero_bayes.modelica.codegen import GIVEN, HELD
 from aero_bayes.modelica.compose import add_input
 from aero_bayes.modelica.equation_system import translate
 from aero_bayes.modelica.flat import FlatModel
 from aero_bayes.modelica.syntax import Call, Expression, Name, Number, map_children, walk
-from aero_bayes.structure.law import Law
 
 
 def step_of(flat: FlatModel, law: Law) -> tuple[Name, Call] | None:

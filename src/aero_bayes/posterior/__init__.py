@@ -1,1 +1,0 @@
-"""Sample the posterior of a fit, and predict recordings from its draws."""
