@@ -6,7 +6,7 @@ import time
 from collections.abc import Mapping
 from dataclasses import fields, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 from pydantic import BaseModel
@@ -16,6 +16,7 @@ from aero_bayes.commands.job import Job, later_of
 from aero_bayes.data.split import ROLES
 from aero_bayes.errors import CannotFinishError, InputError
 from aero_bayes.estimate.calibrated_model import CalibratedModel
+from aero_bayes.estimate.convergence import SampleSettings
 from aero_bayes.estimate.identifiability import Status, fixed_reasons
 from aero_bayes.estimate.initial_states import CalibrationSettings
 from aero_bayes.estimate.levenberg_marquardt import FitSettings, LocalSettings, Stage
@@ -35,10 +36,6 @@ from aero_bayes.simulation.interface import ParameterTarget
 from aero_bayes.simulation.load_model import load_model
 from aero_bayes.simulation.model import Model, ModelicaSource
 from aero_bayes.unknown_names import known_names_hint
-
-if TYPE_CHECKING:
-    from aero_bayes.estimate.convergence import SampleSettings
-
 
 Settings = TypeVar("Settings", bound=Any)
 
@@ -81,8 +78,6 @@ def _noise(job: Job) -> NoiseModel:
 
 def sample_settings(job: Job) -> SampleSettings:
     """Return how long the job wants its posterior sampled."""
-    from aero_bayes.estimate.convergence import SampleSettings
-
     return filled(SampleSettings(), job.config.posterior)
 
 

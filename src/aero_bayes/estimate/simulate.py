@@ -84,8 +84,8 @@ def read_whole(
     noise = replace(calibration.noise, sd={}) if calibration.process is not None else NoiseModel()
     shared = ParameterSet(tuple(templates(parameters)))
     found = assemble(named, model, shared, fixed, noise, settings)
-    found = replace(found, settings=calibration.settings)
-    return replace(found, parameters=with_free_starts(found.parameters, found.data.experiments, model))
+    free = with_free_starts(found.parameters, found.data.experiments, model)
+    return replace(found, settings=calibration.settings, parameters=free)
 
 
 def values_there(

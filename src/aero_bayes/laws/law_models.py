@@ -34,13 +34,11 @@ def law_models(laws: Sequence[Law], sources: Sequence[Path] = ()) -> LawModels:
         lines = ["within ;", "model LawsAtOnce", *classes, *components, "end LawsAtOnce;", ""]
         path.write_text("\n".join(lines), encoding="utf-8")
         flat = load_flat("LawsAtOnce", [*sources, path], ())
-    found: dict[tuple[str, str], FlatModel] = {}
-    for law in laws:
-        p = component_of(flat, f"{law.kind}_{law.id}", inputs[f"{law.kind}_{law.id}"])
-        found[law.kind, law.id] = FlatModel(
-            law.id, p.variables, p.equations, p.initial_equations, functions=p.functions
-        )
-    return found
+    own = (component_of(flat, name, given) for name, given in inputs.items())
+    return {
+        (law.kind, law.id): FlatModel(law.id, p.variables, p.equations, p.initial_equations, functions=p.functions)
+        for law, p in zip(laws, own, strict=True)
+    }
 
 
 def component_of(flat: FlatModel, instance: str, inputs: Sequence[str]) -> FlatModel:

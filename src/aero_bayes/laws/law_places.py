@@ -21,11 +21,7 @@ from aero_bayes.laws.candidates import (
     ports_with_laws,
     with_twins,
 )
-from aero_bayes.laws.law import (
-    Law,
-    read_laws,
-    shipped_laws,
-)
+from aero_bayes.laws.law import Law, read_laws, shipped_laws
 from aero_bayes.laws.law_models import LawModels, law_models
 from aero_bayes.laws.write_model import can_be_written, reserved_names
 from aero_bayes.modelica.flat import FlatModel
