@@ -96,5 +96,5 @@ def _check_request(job: Job, wanted: DesignOptions) -> None:
 def _verdict(design: Design) -> Json:
     aimed = design.targets
     names = ", ".join(f"`{name}`" for name in aimed) if len(aimed) <= 4 else f"{len(aimed)} parameters"
-    text = f"{design.in_words} would make the intervals of {names} {design.gain:.1f} times narrower."
+    text = f"{design.duration:g} s of steps would make the intervals of {names} {design.gain:.1f} times narrower."
     return {"level": "good" if design.gain > 1.1 else "warning", "text": text}

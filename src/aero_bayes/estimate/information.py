@@ -1,6 +1,6 @@
-"""Fisher information of an experiment that is not made yet, and the search over families of input signals for the best.
+"""Fisher information of an experiment that is not made yet, and the search for the best input signal.
 
-The search is a Latin hypercube, then random local search from the best of each family."""
+The search is a Latin hypercube, then random local search from the best."""
 
 from __future__ import annotations
 
@@ -184,121 +184,56 @@ def posterior_sd(precision: FloatArray) -> FloatArray:
     return np.asarray(np.sqrt(np.diag(np.linalg.inv(precision / np.outer(scale, scale)))) / scale)
 
 
-#: Steps a staircase takes, and sines a sum has.
-STEPS, SINES = 8, 10
-#: How often a signal that is not made of jumps is updated, in Hz.
-UPDATE_HZ = 20.0
-
-
-@dataclass(frozen=True)
-class SignalFamily:
-    """Signals of one kind: ``signal`` maps a point (``size``,) of the unit cube and times (n,) in s to values (n,)."""
-
-    name: str
-    size: int
-    signal: Callable[[FloatArray, FloatArray], FloatArray]
-
-
-def _staircase_signal(u: FloatArray, time: FloatArray) -> FloatArray:
-    """Hold each of eight levels for a share of the time."""
-    levels, shares = 2.0 * u[:STEPS] - 1.0, 0.15 + u[STEPS:]
-    ends = np.cumsum(shares) / shares.sum() * (time[-1] - time[0])
-    index = np.searchsorted(ends, time - time[0], side="right")
-    return np.asarray(levels[np.minimum(index, STEPS - 1)])
-
-
-def _multi_sine_signal(u: FloatArray, time: FloatArray) -> FloatArray:
-    """Sum ten sines with random phases: height, offset, lowest and highest frequency, and which phases."""
-    low = _between(u[2], 0.05, 0.5)
-    frequency = np.geomspace(low, low * _between(u[3], 2.0, 30.0), SINES)
-    phase = np.random.default_rng(int(1e6 * u[4])).uniform(0.0, 2.0 * np.pi, SINES)
-    wave = np.sin(np.outer(_updates(time), 2.0 * np.pi * frequency) + phase).sum(axis=1)
-    return np.clip(_swing(u, wave / max(float(np.abs(wave).max()), 1e-9)), -1.0, 1.0)
-
-
-def _swing(u: FloatArray, wave: FloatArray) -> FloatArray:
-    return np.asarray(u[0] * wave + (2.0 * u[1] - 1.0))
-
-
-def _between(u: float, low: float, high: float) -> float:
-    return float(low * (high / low) ** u)
-
-
-def _updates(time: FloatArray) -> FloatArray:
-    """Return the time since the start, rounded down to the last update."""
-    return np.asarray(np.floor((time - time[0]) * UPDATE_HZ + 1e-9) / UPDATE_HZ)
-
-
-FAMILIES = (
-    SignalFamily("steps", 2 * STEPS, _staircase_signal),
-    SignalFamily("multi-sine", 5, _multi_sine_signal),
-)
-
-
+#: Levels that an input holds one after the other.
+LEVELS = 8
 #: Scores of input signals on the full times, smaller is better, infinite for what is not allowed.
 Score = Callable[[Sequence[FloatArray]], FloatArray]
 
 
-@dataclass(frozen=True, eq=False)
-class BestSignal:
-    """The best signal of a family: where in the unit cube, its values (n,) within plus and minus one, its score."""
-
-    family: SignalFamily
-    point: FloatArray
-    values: FloatArray
-    score: float
+def staircase(u: FloatArray, time: FloatArray) -> FloatArray:
+    """Hold each of eight levels within plus and minus one for a share of the time, by a point of the unit cube."""
+    levels, shares = 2.0 * u[:LEVELS] - 1.0, 0.15 + u[LEVELS:]
+    ends = np.cumsum(shares) / shares.sum() * (time[-1] - time[0])
+    index = np.searchsorted(ends, time - time[0], side="right")
+    return np.asarray(levels[np.minimum(index, LEVELS - 1)])
 
 
 @dataclass(frozen=True)
 class SearchSettings:
-    """Effort: candidates a family at the start, rounds of refinement, candidates a round, how many families go on.
-
-    ``engine`` is what simulates them."""
+    """Effort: candidates at the start, rounds of refinement, candidates a round. ``engine`` is what simulates them."""
 
     start: int = 16
     rounds: int = 6
     candidates: int = 12
-    families: int = 2
     spread: float = 0.25
     seed: int = 1
     engine: Engine = "native"
 
 
-def best_signals(
+def best_signal(
     score: Score,
     time: FloatArray,
     rng: np.random.Generator,
     settings: SearchSettings,
     progress: Progress | None = None,
-) -> list[BestSignal]:
-    """Return the best signal of each family, best first; the best families are refined.
+) -> tuple[FloatArray, float]:
+    """Return the best staircase (n,) that was tried, and its score.
 
-    A step's spread shrinks by half every other round; a family's best only ever improves. The search ends with what it
-    has where ``progress`` returns True."""
+    The spread of a step shrinks by half every other round. The search ends with what it has where ``progress`` returns
+    True."""
     tell = Watched(progress)
-    steps = len(FAMILIES) + settings.rounds * settings.families
-    found = []
-    for k, family in enumerate(FAMILIES):
-        cube = latin_hypercube(settings.start, family.size, rng)
-        found.append(_best(score, family, cube, time))
-        if tell("candidates", (k + 1) / steps, family.name):
+    point, best = np.zeros(2 * LEVELS), np.inf
+    for turn in range(1 + settings.rounds):
+        if turn == 0:
+            cube = latin_hypercube(settings.start, point.size, rng)
+        else:
+            spread = settings.spread * 0.5 ** ((turn - 1) // 2)
+            moved = point + spread * rng.standard_normal((settings.candidates, point.size))
+            cube = 1.0 - np.abs(1.0 - np.abs(moved) % 2.0)
+        scores = score([staircase(u, time) for u in cube])
+        first = int(np.argmin(scores))
+        if turn == 0 or scores[first] < best:
+            point, best = cube[first], float(scores[first])
+        if tell("candidates", (turn + 1) / (1 + settings.rounds), best):
             break
-    found.sort(key=lambda f: f.score)
-    for k in range(min(settings.families, len(found))):
-        for turn in range(settings.rounds if not tell.asked_to_end else 0):
-            spread = settings.spread * 0.5 ** (turn // 2)
-            here = found[k]
-            moved = here.point + spread * rng.standard_normal((settings.candidates, here.family.size))
-            again = _best(score, here.family, 1.0 - np.abs(1.0 - np.abs(moved) % 2.0), time)
-            if again.score < here.score:
-                found[k] = again
-            if tell("candidates", (len(FAMILIES) + k * settings.rounds + turn + 1) / steps, here.family.name):
-                break
-    return sorted(found, key=lambda f: f.score)
-
-
-def _best(score: Score, family: SignalFamily, cube: FloatArray, time: FloatArray) -> BestSignal:
-    signals = [family.signal(u, time) for u in cube]
-    scores = score(signals)
-    best = int(np.argmin(scores))
-    return BestSignal(family, cube[best], signals[best], float(scores[best]))
+    return staircase(point, time), best

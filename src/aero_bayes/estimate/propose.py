@@ -25,7 +25,7 @@ from aero_bayes.estimate.information import (
     PredictedExperiment,
     Score,
     SearchSettings,
-    best_signals,
+    best_signal,
     posterior_sd,
 )
 from aero_bayes.estimate.parameters import ParameterSet
@@ -35,8 +35,6 @@ from aero_bayes.plain import Number
 from aero_bayes.progress import Progress, watching
 from aero_bayes.simulation.workers import WorkerPool
 
-#: What one calls the signals of a family.
-SIGNAL_PHRASES = {"steps": "steps", "multi-sine": "a sum of sines"}
 #: Posterior draws over which the proposal's travel must stay within its limit.
 TRAVEL_DRAWS = 16
 #: Share of the travel that the search may use at the fitted values, the rest being for what is not known.
@@ -68,33 +66,22 @@ class ExpectedParameter:
 class Design:
     """A proposed experiment: an input by name, at ``time`` (n,) in s its ``values`` (n,) in its unit, each held.
 
-    ``families`` has the best score of each kind of signal, the chosen kind first; ``travel`` the largest absolute value
-    of each output that has a limit."""
+    ``travel`` has the largest absolute value of each output that has a limit."""
 
-    JSON_KEYS: ClassVar = "input family families duration rate_hz gain travel limits seed parameters table"
+    JSON_KEYS: ClassVar = "input duration rate_hz gain travel limits seed parameters table"
 
     input: str
     time: FloatArray
     values: FloatArray
-    families: Mapping[str, float]
     travel: Mapping[str, float]
     limits: Limits
     seed: int
     expected: tuple[ExpectedParameter, ...]
 
     @property
-    def family(self) -> str:
-        return next(iter(self.families))
-
-    @property
     def duration(self) -> float:
         """Length in s."""
         return float(self.time[-1] - self.time[0])
-
-    @property
-    def in_words(self) -> str:
-        """Length and kind of the signal."""
-        return f"{self.duration:g} s of {SIGNAL_PHRASES[self.family]}"
 
     @property
     def table(self) -> dict[str, FloatArray]:
@@ -127,7 +114,7 @@ class Design:
 
     def __repr__(self) -> str:
         aims = ", ".join(self.targets)
-        return f"<Design {self.input}: {self.family}, {self.time[-1]:g} s; {self.gain:.2g} times narrower {aims}>"
+        return f"<Design {self.input}: {self.time[-1]:g} s; {self.gain:.2g} times narrower {aims}>"
 
     def _repr_html_(self) -> str:
         rows = [
@@ -136,7 +123,7 @@ class Design:
             for e in self.expected
         ]  # fmt: skip
         head = ("parameter", "value", "unit", "sd now", "sd after", "times narrower")
-        return table_html(head, rows, f"next experiment: {self.family}, {self.time[-1]:g} s, * aimed at")
+        return table_html(head, rows, f"next experiment: {self.time[-1]:g} s, * aimed at")
 
 
 def propose_experiment(
@@ -182,7 +169,7 @@ def propose_experiment(
     Examples
     --------
     >>> from aero_bayes.estimate import Limits, SearchSettings
-    >>> little = SearchSettings(start=2, rounds=1, candidates=2, families=1)
+    >>> little = SearchSettings(start=2, rounds=1, candidates=2)
     >>> options = {"limits": Limits(5.0, {"position": 0.3}), "settings": little, "workers": 0}  # N, m
     >>> aero_bayes.propose_experiment(fit, duration=8.0, targets=["d"], **options).targets
     ('d',)
@@ -210,7 +197,7 @@ def _narrowing(
         ]
         return np.array([np.inf if sd is None else float(np.mean(np.log(sd[aimed] / before[aimed]))) for sd in spreads])
 
-    families, values, travel = _best_input(predictor, score, settings, progress)
+    values, travel = _best_input(predictor, score, settings, progress)
     proposed, same = predictor.predict([values, _present(predictor)])
     if proposed is None:
         raise CannotFinishError("the proposed experiment could not be simulated")
@@ -222,9 +209,7 @@ def _narrowing(
         ExpectedParameter(p.name, p.unit, value, now, later, again, now / later, j in aimed)
         for j, (p, (value, now, later, again)) in enumerate(zip(predictor.shared, rows, strict=True))
     )
-    return Design(
-        predictor.input, predictor.full_time, values, families, travel, predictor.limits, settings.seed, expected
-    )
+    return Design(predictor.input, predictor.full_time, values, travel, predictor.limits, settings.seed, expected)
 
 
 def expected_outputs(
@@ -265,19 +250,18 @@ def _allowed(predicted: PredictedExperiment, limits: Limits) -> bool:
 
 def _best_input(
     predictor: ExperimentPredictor, score: Score, settings: SearchSettings, progress: Progress | None
-) -> tuple[dict[str, float], FloatArray, dict[str, float]]:
-    """Return the score of each kind of signal, best first; the best input, within the travel; and its travel."""
+) -> tuple[FloatArray, dict[str, float]]:
+    """Return the best input, within the travel, and its travel."""
     rng, size = np.random.default_rng(settings.seed), predictor.limits.amplifier
     with watching(progress) as watched:
         for _ in range(MOST_HALVINGS):
-            found = best_signals(partial(_of_size, score, size), predictor.full_time, rng, settings, watched)
-            if np.isfinite(found[0].score) or watched.asked_to_end:
+            found, best = best_signal(partial(_of_size, score, size), predictor.full_time, rng, settings, watched)
+            if np.isfinite(best) or watched.asked_to_end:
                 break
             size *= 0.5
-    if not np.isfinite(found[0].score):
+    if not np.isfinite(best):
         raise CannotFinishError("no candidate experiment stays within the travel; allow more of it")
-    values, travel = _within_travel(predictor, size * found[0].values, rng)
-    return {f.family.name: f.score for f in found}, values, travel
+    return _within_travel(predictor, size * found, rng)
 
 
 def _of_size(score: Score, size: float, signals: Sequence[FloatArray]) -> FloatArray:

@@ -40,7 +40,7 @@ def experiment(run: RunDirectory) -> list[Any]:
 
 
 def _lead(plan: DesignJson) -> Markup:
-    length = Markup("{}, {}.").format(duration(plan.duration), plan.family)
+    length = Markup("{} of steps.").format(duration(plan.duration))
     if plan.file:
         where = " The signal is in <code>{}</code>: one row per sample, each value holds until the next."
         length += Markup(where).format(plan.file)

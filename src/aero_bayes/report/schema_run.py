@@ -120,8 +120,6 @@ class DesignJson(JsonTable):
 
     input: str
     unit: str = ""
-    family: str = ""
-    families: dict[str, JsonNumber] = {}
     duration: float
     rate_hz: JsonNumber = None
     gain: JsonNumber = None
