@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Collection, Mapping
-from dataclasses import dataclass, replace
-from typing import ClassVar, Protocol
+from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
@@ -14,24 +14,14 @@ from aero_bayes.data.columns import Mask
 from aero_bayes.data.recording import Recording
 from aero_bayes.data.split import ROLES, Recordings, Role
 from aero_bayes.errors import CannotFinishError
-from aero_bayes.estimate.calibration import Calibration, for_recordings, templates
+from aero_bayes.estimate.calibration import Calibration
 from aero_bayes.estimate.local_fit import Optimum
 from aero_bayes.estimate.noise import residual_correlation_time
 from aero_bayes.estimate.outliers import outlier_rows
-from aero_bayes.estimate.parameters import ParameterSet
 from aero_bayes.estimate.result import Fit
-from aero_bayes.estimate.simulate import (
-    FIRST_ROWS,
-    as_inputs_move,
-    beginnings,
-    read_whole,
-    starts_to_estimate,
-    values_there,
-    with_estimated_starts,
-)
+from aero_bayes.estimate.simulate import FIRST_ROWS, ModelFamily, beginnings, on_recordings
 from aero_bayes.plain import Number
-from aero_bayes.simulation.interface import ParameterTarget, Problem, Simulator
-from aero_bayes.simulation.model import Model
+from aero_bayes.simulation.interface import Problem, Simulator
 
 
 @dataclass(frozen=True)
@@ -124,16 +114,6 @@ def shifts(before: Fit, after: Fit) -> tuple[Shift, ...]:
     return tuple(found)
 
 
-class ModelFamily(Protocol):
-    """A model, and the same model with laws added."""
-
-    def base_model(self) -> Model:
-        """Return the model without any law."""
-
-    def transfer(self, calibration: Calibration, model: Model) -> Calibration:
-        """Return a calibration of the base model with an extended one in its place."""
-
-
 @dataclass(frozen=True, eq=False)
 class Predictor:
     """Predict whole recordings with models of a family, by the rule of :mod:`aero_bayes.estimate.simulate`.
@@ -169,8 +149,14 @@ class Predictor:
         """Outputs (n, m) of the ``chosen`` recordings, of others their first samples.
 
         Where one of them cannot be simulated, NaN in the test parts, and None where even that fails."""
-        whole, row = self._on_whole_recordings(calibration, fit)
-        everything = self.recordings.everything
+        everything, count = self.recordings.everything, len(self.recordings.train)
+        confirms = [self.recordings.parts_of(r, "validation") for r in everything]
+        whole, values = on_recordings(
+            calibration, calibration.parameters.from_search(fit.coordinates)[np.newaxis], everything, fit.noise,
+            self.open_simulator, family=self.family,
+            fitted=[k if k < count else None for k in range(len(everything))],
+            confirming={k: _rows_until(everything[k], own[-1].end) for k, own in enumerate(confirms) if own},
+        )  # fmt: skip
         begins = [next((p.begin for p in self.recordings.parts_of(r, "test")), None) for r in everything]
         for ends in ([None] * len(everything), begins)[: 1 + also_without_test]:
             rows = [
@@ -178,43 +164,13 @@ class Predictor:
                 for k, (r, end) in enumerate(zip(everything, ends, strict=True))
             ]
             with self.open_simulator(beginnings(whole, rows).problem()) as simulator:
-                found = simulator.simulate(row[np.newaxis])
+                found = simulator.simulate(values)
             if not np.any(found.outcomes[0]):
                 filled = [np.full((r.rows, len(self.recordings.outputs)), np.nan) for r in everything]
                 for here, there in zip(filled, found.outputs, strict=True):
                     here[: there.shape[1]] = there[0]
                 return filled
         return None
-
-    def _on_whole_recordings(self, calibration: Calibration, fit: Optimum) -> tuple[Calibration, FloatArray]:
-        """The calibration on whole recordings, and SI values (q,), with the initial states of those not fitted."""
-        everything, fitted = self.recordings.everything, len(self.recordings.train)
-        plain = self.family.base_model()
-        known = {v.name for v in plain.parameters}
-        shared = templates(calibration.parameters)
-        new = [
-            p for p in shared
-            if (p.target.name not in known if isinstance(p.target, ParameterTarget) else bool(p.starts))
-        ]  # fmt: skip
-        # Only the base model shows which states start at a reading: in an extended one a law may act on it.
-        base = read_whole(calibration, everything, ParameterSet(tuple(p for p in shared if p not in new)), plain)
-        own_starts = for_recordings(ParameterSet(tuple(new)), plain, base.data.recordings)
-        base = replace(base, parameters=base.parameters.extended(own_starts.items))
-        whole = replace(self.family.transfer(base, calibration.model), fixed=calibration.fixed)
-        values = calibration.parameters.from_search(fit.coordinates)[np.newaxis]
-        places = [k if k < fitted else None for k in range(len(everything))]
-        (row,) = values_there(_renamed(calibration, base, whole), values, base, places)
-        unfitted = range(fitted, len(everything))
-        whole = as_inputs_move(whole, calibration, row, unfitted, self.open_simulator)
-        # A law at an output hides the initial value of its state.
-        hidden = [p.target for p in base.parameters] != [p.target for p in whole.parameters]
-        starts = starts_to_estimate(whole, unfitted, every=hidden, also={p.name for p in own_starts})
-        rows = [FIRST_ROWS] * fitted
-        for recording in everything[fitted:]:
-            confirms = self.recordings.parts_of(recording, "validation")
-            rows.append(_rows_until(recording, confirms[-1].end) if confirms else recording.rows)
-        short = unfitted[len(self.recordings.validation) :] if self.recordings.validation else ()
-        return whole, with_estimated_starts(whole, row, starts, rows, short, fit.noise, self.open_simulator)
 
 
 def counted_readings(recording: Recording, output: str, predicted: FloatArray) -> Mask:
@@ -226,10 +182,3 @@ def counted_readings(recording: Recording, output: str, predicted: FloatArray) -
 def _rows_until(recording: Recording, end: float | None) -> int:
     """Number of samples before a time (s); all for None."""
     return recording.rows if end is None else int(np.searchsorted(recording.time, end))
-
-
-def _renamed(calibration: Calibration, base_named: Calibration, whole: Calibration) -> Calibration:
-    """The calibration of an extended model with its states named as in the base model."""
-    old = {there.target: here.target for here, there in zip(base_named.parameters, whole.parameters, strict=True)}
-    items = tuple(replace(p, target=old.get(p.target, p.target)) for p in calibration.parameters)
-    return replace(calibration, model=base_named.model, parameters=ParameterSet(items))

@@ -10,6 +10,7 @@ import math
 from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -19,7 +20,7 @@ from aero_bayes.data.initial_level import InitialLevel, initial_level
 from aero_bayes.data.noise import output_noise_floor
 from aero_bayes.data.recording import Recording
 from aero_bayes.errors import CannotFinishError, InputError
-from aero_bayes.estimate.calibration import Calibration, assemble, templates
+from aero_bayes.estimate.calibration import Calibration, assemble, for_recordings, templates
 from aero_bayes.estimate.initial_states import in_units_of, state_of, with_free_starts
 from aero_bayes.estimate.interpolation import first_moves_in, interpolation_for, with_interpolation
 from aero_bayes.estimate.local_fit import LocalFitSettings, OpenSimulator, local_fit
@@ -45,29 +46,85 @@ START_INFORMATION, MOST_FOR_STARTS = 0.95, 0.5
 FIRST_ROWS = 20
 
 
+class ModelFamily(Protocol):
+    """A model, and the same model with laws added."""
+
+    def base_model(self) -> Model:
+        """Return the model without any law."""
+
+    def transfer(self, calibration: Calibration, model: Model) -> Calibration:
+        """Return a calibration of the base model with an extended one in its place."""
+
+
 def on_recordings(
     calibration: Calibration, values: FloatArray, recordings: Sequence[Recording], noise: Mapping[str, OutputNoise],
-    open_simulator: OpenSimulator, *, every: bool = False,
+    open_simulator: OpenSimulator, *, every: bool = False, fitted: Sequence[int | None] | None = None,
+    family: ModelFamily | None = None, confirming: Mapping[int, int] | None = None,
 ) -> tuple[Calibration, FloatArray]:  # fmt: skip
     """Return a calibration on whole recordings, and its values there (n, q) for SI values (n, p), the fit's first.
 
-    One that was fitted, as its hash tells, keeps its own values. Of another one not only the initial state is estimated
-    but ``every`` value that it has alone, where the question is how well it is predicted by what all have in common."""
-    known = [r.sha256 for r in calibration.data.recordings]
-    fitted = [known.index(r.sha256) if r.sha256 in known else None for r in recordings]
-    whole = read_whole(calibration, recordings, calibration.parameters, calibration.model)
-    rows = values_there(calibration, values, whole, fitted)
-    new = [k for k, index in enumerate(fitted) if index is None]
-    whole = as_inputs_move(whole, calibration, rows[0], new, open_simulator)
-    starts = (
-        [j for j, p in enumerate(whole.parameters) if p.recording in new] if every else starts_to_estimate(whole, new)
-    )
-    lengths = [r.rows if k in new else FIRST_ROWS for k, r in enumerate(recordings)]
-    found = with_estimated_starts(whole, rows[0], starts, lengths, new, noise, open_simulator)
-    return whole, rows + (found - rows[0])
+    One that was ``fitted``, by its place among these or as its hash tells, keeps its own values. Of another one not
+    only the initial state is estimated but ``every`` value that it has alone, where the question is how well it is
+    predicted by what all have in common. The model may be an extended one of a ``family``. ``confirming`` are samples
+    of new recordings, by place, that tell their initial state whatever they hold; of others the beginning does."""
+    if fitted is None:
+        known = [r.sha256 for r in calibration.data.recordings]
+        fitted = [known.index(r.sha256) if r.sha256 in known else None for r in recordings]
+    new = [k for k, place in enumerate(fitted) if place is None]
+    added, hidden = set[str](), False
+    if family is None:
+        whole = _read_whole(calibration, recordings, calibration.parameters, calibration.model)
+        rows = _values_there(calibration, values, whole, fitted)
+    else:
+        base, added = _read_by_family(calibration, recordings, family)
+        whole = replace(family.transfer(base, calibration.model), fixed=calibration.fixed)
+        rows = _values_there(_renamed(calibration, base, whole), values, base, fitted)
+        # A law at an output hides the initial value of its state.
+        hidden = [p.target for p in base.parameters] != [p.target for p in whole.parameters]
+    whole = _as_inputs_move(whole, calibration, rows[0], new, open_simulator)
+    if every:
+        estimated = [j for j, p in enumerate(whole.parameters) if p.recording in new]
+    else:
+        hidden = hidden or (whole.settings.initial_states == "estimated" and whole.process is None)
+        # A recording without readings starts where the model does.
+        read = {k for k in new if np.isfinite(whole.data.measured[k]).any()}
+        estimated = [
+            j for j, p in enumerate(whole.parameters)
+            if p.recording in read and (p.name in added or (hidden and (isinstance(p.target, StartTarget) or p.starts)))
+        ]  # fmt: skip
+    if not estimated:
+        return whole, rows
+    confirming = confirming or {}
+    lengths = [confirming.get(k, r.rows) if k in new else FIRST_ROWS for k, r in enumerate(recordings)]
+    short = [k for k in new if k not in confirming]
+    found = _with_estimated_starts(whole, rows[0], estimated, lengths, short, noise, open_simulator)
+    return whole, np.vstack([found, rows[1:] + (found - rows[0])])
 
 
-def read_whole(
+def _read_by_family(
+    calibration: Calibration, recordings: Sequence[Recording], family: ModelFamily
+) -> tuple[Calibration, set[str]]:
+    """Return the calibration of the base model on whole recordings, and the names of initial values that it lacks.
+
+    Only the base model shows which states start at a reading: in an extended one a law may act on it."""
+    plain, shared = family.base_model(), templates(calibration.parameters)
+    known = {v.name for v in plain.parameters}
+    new = [
+        p for p in shared if (p.target.name not in known if isinstance(p.target, ParameterTarget) else bool(p.starts))
+    ]
+    base = _read_whole(calibration, recordings, ParameterSet(tuple(p for p in shared if p not in new)), plain)
+    own = for_recordings(ParameterSet(tuple(new)), plain, base.data.recordings)
+    return replace(base, parameters=base.parameters.extended(own.items)), {p.name for p in own}
+
+
+def _renamed(calibration: Calibration, base_named: Calibration, whole: Calibration) -> Calibration:
+    """Return the calibration of an extended model with its states named as in the base model."""
+    old = {there.target: here.target for here, there in zip(base_named.parameters, whole.parameters, strict=True)}
+    items = tuple(replace(p, target=old.get(p.target, p.target)) for p in calibration.parameters)
+    return replace(calibration, model=base_named.model, parameters=ParameterSet(items))
+
+
+def _read_whole(
     calibration: Calibration, recordings: Sequence[Recording], parameters: ParameterSet, model: Model
 ) -> Calibration:
     """Return what was fitted on whole recordings, each with its own delay and initial values, and all its readings."""
@@ -88,7 +145,7 @@ def read_whole(
     return replace(found, settings=calibration.settings, parameters=free)
 
 
-def values_there(
+def _values_there(
     calibration: Calibration, values: FloatArray, whole: Calibration, fitted: Sequence[int | None]
 ) -> FloatArray:
     """SI values (n, q) of the parameters of ``whole`` where those of a calibration are ``values`` (n, p).
@@ -154,7 +211,7 @@ def first_reading(recording: Recording, target: ProblemTarget, calibration: Cali
     return initial_level(values, recording.time, output_noise_floor(recording, output).sd or 0.0)
 
 
-def as_inputs_move(
+def _as_inputs_move(
     whole: Calibration, calibration: Calibration, row: FloatArray, new: Collection[int], open_simulator: OpenSimulator
 ) -> Calibration:
     """Return a calibration on whole recordings with the inputs of each read as they move in it, if that is left to the
@@ -179,30 +236,13 @@ def as_inputs_move(
     return with_interpolation(whole, dict.fromkeys(names, "linear"), better)
 
 
-def starts_to_estimate(
-    whole: Calibration, new: Collection[int], *, every: bool = False, also: Collection[str] = ()
-) -> list[int]:
-    """Columns of the initial values of ``new`` recordings that are estimated: where a fit does so, or of ``every`` one.
-
-    So are those that are named ``also``. A recording without readings starts where the model does."""
-    every = every or (whole.settings.initial_states == "estimated" and whole.process is None)
-    read = [bool(np.isfinite(y).any()) for y in whole.data.measured]
-    return [
-        j for j, p in enumerate(whole.parameters)
-        if p.recording is not None and p.recording in new and read[p.recording]
-        and ((every and (isinstance(p.target, StartTarget) or p.starts)) or p.name in also)
-    ]  # fmt: skip
-
-
-def with_estimated_starts(
+def _with_estimated_starts(
     whole: Calibration, row: FloatArray, starts: Sequence[int], rows: Sequence[int], short: Collection[int],
     noise: Mapping[str, OutputNoise], open_simulator: OpenSimulator,
 ) -> FloatArray:  # fmt: skip
     """Values (q,) with initial values, some columns, estimated from the first ``rows`` samples of each recording.
 
     Of ``short`` ones only from as many as hold most of the information on them."""
-    if not starts:
-        return row
     at = whole.parameters.to_search(row)
     if short:
         rows = _informative_rows(beginnings(whole, rows), at, starts, rows, short, open_simulator)
