@@ -67,6 +67,8 @@ class Recording:
         Parameters of the model whose values are known in this run and may differ in others, in SI units.
     means : mapping of str to {"beginning", "end"}
         Outputs that are means over the interval that begins, or ends, at their time.
+    mended : bool
+        Whether its faults were mended already, which is done once.
 
     Examples
     --------
@@ -102,6 +104,7 @@ class Recording:
     notes: tuple[str, ...] = ()
     known: Mapping[str, float] = field(default_factory=dict)
     means: Mapping[str, Literal["beginning", "end"]] = field(default_factory=dict)
+    mended: bool = False
 
     def __post_init__(self) -> None:
         dates = np.asarray(self.time).dtype.kind in "mM"

@@ -18,7 +18,7 @@ from aero_bayes.data.columns import ColumnMap, noise_size
 from aero_bayes.data.noise import output_noise_floor
 from aero_bayes.data.read import column_names
 from aero_bayes.data.recording import Recording
-from aero_bayes.data.screen import screen_all
+from aero_bayes.data.screen import screen
 from aero_bayes.display import SettingsDisplay
 from aero_bayes.errors import InputError
 from aero_bayes.estimate.measured_data import readings_of
@@ -289,8 +289,12 @@ def check_plausible(recordings: Iterable[Recording], model: Model) -> None:
 
 
 def screened(recordings: Sequence[Recording], model: Model) -> tuple[Recording, ...]:
-    """Mend and tell faults of recordings, and cut them at gaps; they are in the model's units."""
-    return screen_all([in_units_of(model, r) for r in recordings])
+    """Mend and tell faults of recordings that were not mended yet, and cut these at gaps; in the model's units."""
+    found: list[Recording] = []
+    for recording in recordings:
+        own = in_units_of(model, recording)
+        found += [own] if own.mended else [replace(part, mended=True) for part in screen(own)]
+    return tuple(found)
 
 
 def _check_inputs(recording: Recording, model: Model) -> None:
