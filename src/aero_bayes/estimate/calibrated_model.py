@@ -14,7 +14,7 @@ from dataclasses import dataclass, field, replace
 from datetime import date
 from itertools import product
 from pathlib import Path
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -42,20 +42,13 @@ from aero_bayes.simulation.interface import ParameterTarget, StartTarget
 from aero_bayes.simulation.model import Model, ModelicaSource
 from aero_bayes.simulation.probed_facts import start_parameters
 
+if TYPE_CHECKING:
+    from aero_bayes.estimate.identifiability import Estimate
+
 #: Values of one element, or of the elements of an array.
 ParameterValues = float | str | list["ParameterValues"]
 #: Modifications by component: a value and what is said of it, or those inside.
 ModifierTree = dict[str, "tuple[str, str] | ModifierTree"]
-
-
-class Interval(Protocol):
-    """Central 90 % interval of a parameter, None where it has none."""
-
-    @property
-    def q05(self) -> float | None: ...
-
-    @property
-    def q95(self) -> float | None: ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,7 +111,7 @@ class CalibratedModel:
 def calibrated_model(
     calibration: Calibration,
     values: FloatArray,
-    intervals: Mapping[str, Interval],
+    intervals: Mapping[str, Estimate],
     *,
     source: ModelicaSource | None = None,
     added: Mapping[str, str] | None = None,
@@ -192,7 +185,7 @@ def _beside(calibration: Calibration, values: FloatArray, delays: Collection[str
     return lines
 
 
-def _interval_text(found: Interval | None, unit: str) -> str:
+def _interval_text(found: Estimate | None, unit: str) -> str:
     if found is None or found.q05 is None or found.q95 is None:
         return ", ".join(filter(None, (with_unit("", unit).strip(), "no interval")))
     return with_unit(f"{found.q05:.6g} to {found.q95:.6g}", unit)

@@ -9,7 +9,7 @@ from aero_bayes.display import join_names
 from aero_bayes.errors import InputError
 from aero_bayes.modelica.flat import FlatModel, FlatVariable
 from aero_bayes.modelica.rumoca_front import load_flat
-from aero_bayes.modelica.syntax import Call, Expression, Name, Number, names_in, short_text
+from aero_bayes.modelica.syntax import Expression, Number, modelica_text, names_in, short_text
 from aero_bayes.simulation.model import Model
 from aero_bayes.unknown_names import known_names_hint
 
@@ -43,9 +43,6 @@ def default_bounds(
 
 def first_given(*values: float | None) -> float | None:
     return next((value for value in values if value is not None), None)
-
-
-_SIGNS = ("+", "-", "*", "/", "^")
 
 
 def no_parameter_text(model: Model, name: str) -> str:
@@ -126,16 +123,5 @@ def _computed(flat: FlatModel, v: FlatVariable, known: list[str]) -> str:
 
 
 def expression_text(tree: Expression) -> str:
-    """Return an expression as it is written in Modelica, with more parentheses than needed."""
-    if isinstance(tree, Call) and tree.function in _SIGNS and len(tree.args) == 2:
-        sums = [isinstance(a, Call) and a.function in _SIGNS for a in tree.args]
-        texts = [expression_text(a) for a in tree.args]
-        left, right = (f"({text})" if inner else text for text, inner in zip(texts, sums, strict=True))
-        return f"{left} {tree.function} {right}"
-    if isinstance(tree, Call) and tree.function == "neg":
-        return f"-({expression_text(tree.args[0])})"
-    if isinstance(tree, Number):
-        return repr(tree.value).removesuffix(".0")
-    if isinstance(tree, Call):
-        return f"{tree.function}({', '.join(map(expression_text, tree.args))})"
-    return tree.name if isinstance(tree, Name) and not tree.subscripts else short_text(tree)
+    """Return an expression as it is written in Modelica, or else what kind of expression it is."""
+    return modelica_text(tree) or short_text(tree)
