@@ -16,7 +16,7 @@ from aero_bayes.estimate.measured_data import MeasuredData
 from aero_bayes.estimate.parameters import Parameter, ParameterSet
 from aero_bayes.estimate.priors import Prior
 from aero_bayes.estimate.result import Fit
-from aero_bayes.simulation.interface import Experiment, GaussNewton, Likelihoods, ParameterTarget, Problem, Trajectories
+from aero_bayes.simulation.interface import Experiment, Likelihoods, ParameterTarget, Problem, Trajectories
 from aero_bayes.simulation.model import Model
 from aero_bayes.simulation.model_description import Variable
 
@@ -75,6 +75,16 @@ def held(slope: Callable[[State, float], State], start: object, u: State, interv
     return np.array(states)
 
 
+def square_wave_lag(gain: float = 1.0, start: float = 0.0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Times, a square wave between plus and minus one, and the answer of a lag of 4 s to it."""
+    time = np.arange(0.0, 40.0, 0.2)
+    u = np.where(np.floor(time / 10.0) % 2 == 0, 1.0, -1.0)
+    y = np.full(time.size, start)
+    for k in range(1, time.size):
+        y[k] = gain * u[k - 1] + (y[k - 1] - gain * u[k - 1]) * np.exp(-0.2 / 4.0)
+    return time, u, y
+
+
 def damped_stops(e: float, v: float, k_s: float, x_s: float, t_s: float) -> float:
     """The force of stops at either end of a range: a spring and a damper beside each other that never pull."""
     above, below = max(e - x_s, 0.0), max(-e - x_s, 0.0)
@@ -123,14 +133,11 @@ class FormulaSimulator:
         finite = np.stack([np.isfinite(y).all(axis=(1, 2)) for y in outputs], axis=1)
         return Trajectories(outputs, slopes, np.where(finite, 0, 2).astype(np.uint8))
 
-    def _reduced(
-        self, values: np.ndarray, noise: np.ndarray, active: Sequence[int]
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def log_likelihood(self, values: np.ndarray, noise: np.ndarray) -> Likelihoods:
         experiments = self.problem.experiments
         m = len(experiments[0].outputs)
         noise = np.broadcast_to(noise, (len(values), len(experiments), m, 3))
         like = np.zeros((len(values), len(experiments)))
-        gradient, hessian = np.zeros((len(values), len(active))), np.zeros((len(values), len(active), len(active)))
         for k, v in enumerate(values):
             self.runs += 1
             for e, experiment in enumerate(experiments):
@@ -138,29 +145,14 @@ class FormulaSimulator:
                 if not np.isfinite(fitted).all():
                     like[k, e] = -np.inf
                     continue
-                slope = self._slopes(v, e, active) if active else np.zeros((*fitted.shape, 0))
                 for c in range(m):
                     seen = np.isfinite(experiment.measured[:, c])
                     t, r = experiment.time[seen], (fitted - experiment.measured)[seen, c]
                     white, ou, tau = noise[k, e, c]
-                    s = slope[seen, c]
                     if ou > 0.0:
                         cov = ou**2 * np.exp(-np.abs(t[:, None] - t) / tau) + white**2 * np.eye(t.size)
-                        inverse, log_det = np.linalg.inv(cov), np.linalg.slogdet(cov)[1]
-                        right = inverse @ r, inverse @ s
+                        right, log_det = np.linalg.solve(cov, r), np.linalg.slogdet(cov)[1]
                     else:
-                        right, log_det = (r / white**2, s / white**2), t.size * np.log(white**2)
-                    like[k, e] -= 0.5 * (r @ right[0] + log_det + t.size * np.log(2 * np.pi))
-                    gradient[k] += s.T @ right[0]
-                    hessian[k] += s.T @ right[1]
-        return like, gradient, hessian
-
-    def log_likelihood(self, values: np.ndarray, noise: np.ndarray) -> Likelihoods:
-        like = self._reduced(values, noise, ())[0]
+                        right, log_det = r / white**2, t.size * np.log(white**2)
+                    like[k, e] -= 0.5 * (r @ right + log_det + t.size * np.log(2 * np.pi))
         return Likelihoods(like, np.where(np.isfinite(like), 0, 2).astype(np.uint8))
-
-    def gauss_newton(self, values: np.ndarray, noise: np.ndarray, *, active: Sequence[int]) -> GaussNewton:
-        like, gradient, hessian = self._reduced(values, noise, tuple(active))
-        total = like.sum(axis=1)
-        codes = np.where(np.isfinite(like), 0, 2).astype(np.uint8)
-        return GaussNewton(-total, gradient, hessian, total, codes)

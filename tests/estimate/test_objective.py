@@ -87,32 +87,22 @@ def test_engine_and_whitened_residuals_agree(objectives, sampling, kind):
     by_recording = objective.log_likelihood(values, objective.noise_rows(noise))[0]
     assert objective.whiten(plain, noise).log_likelihood == pytest.approx(by_recording.sum(), rel=REL)
 
-    found = objective.evaluate(x, active)
-    white = objective.whiten(found, noise)
-    reduced = objective.gauss_newton(values, objective.noise_rows(noise), active)
-    scale = parameters.jacobian(values[0])
-    assert white.log_likelihood == pytest.approx(reduced.log_likelihood[0], rel=REL)
-    gradient, curvature = -white.slopes @ white.residual, white.slopes @ white.slopes.T
-    size = np.sqrt(np.diag(curvature))
-    np.testing.assert_allclose(
-        gradient / size, reduced.gradient[0] * scale / size, rtol=REL, atol=REL * np.linalg.norm(white.residual)
-    )
-    np.testing.assert_allclose(
-        curvature / np.outer(size, size), reduced.hessian[0] * np.outer(scale, scale) / np.outer(size, size), atol=REL
-    )
+    score = objective.whiten(objective.evaluate(x, active), noise).score
+    step = 1e-5 * np.eye(3)
+    moved = parameters.from_search(np.concatenate([x + step, x - step]))
+    up, down = np.split(objective.log_likelihood(moved, objective.noise_rows(noise)).sum(axis=1), 2)
+    np.testing.assert_allclose(score, (up - down) / 2e-5, rtol=1e-4, atol=1e-4 * np.linalg.norm(score))
 
 
 def test_outputs_that_a_part_leaves_out_do_not_count(objectives):
-    """A part of one output has the slopes and the curvature of that output alone, both ways."""
+    """A part of one output has the likelihood of that output alone."""
     whole = objectives["gaps"]
     part = whole.with_outputs(["y"])
     x = whole.parameters.to_search(whole.parameters.start)
     noise = {"x": NOISES["slow"], "y": NOISES["brief"]}
     assert part.readings == np.isfinite(np.concatenate(whole.calibration.data.measured)[:, 1]).sum()
-    found = part.evaluate(x, (0, 1, 2))
-    white = part.whiten(found, noise)
-    values = whole.parameters.from_search(x)
-    scale = whole.parameters.jacobian(values)
-    reduced = part.gauss_newton(values[None], part.noise_rows(noise), (0, 1, 2))
-    np.testing.assert_allclose(white.slopes @ white.slopes.T, reduced.hessian[0] * np.outer(scale, scale), rtol=1e-6)
+    alone = [
+        objective.whiten(objective.evaluate(x), noise).log_likelihood for objective in (whole.with_outputs(["x"]), part)
+    ]
+    assert sum(alone) == pytest.approx(whole.whiten(whole.evaluate(x), noise).log_likelihood, rel=REL)
     assert part.simulations == whole.simulations

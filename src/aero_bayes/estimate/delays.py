@@ -81,7 +81,7 @@ def better_delays(objective: Objective, here: Optimum, free: Sequence[int], *, p
     target = Target(
         calibration, objective.simulator, calibration.parameters.from_search(here.coordinates), free, prior=prior
     )
-    cost_function, (low, high), point = target.cost_function(noise), target.box, here.coordinates[list(free)]
+    cost_function, (low, high), point = target.cost_function(here.noise), target.box, here.coordinates[list(free)]
     shape, moved = cost_shape(target.parameters, range(len(free)), calibration.data.intervals), False
     for k, item in enumerate(target.parameters):
         starts = _starts(target, point, noise, k, item, calibration.data.intervals)

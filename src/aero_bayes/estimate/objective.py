@@ -17,7 +17,6 @@ from aero_bayes.estimate.measured_data import MeasuredData
 from aero_bayes.estimate.noise import OutputNoise, SampleTimes
 from aero_bayes.estimate.noise_estimation import LOG_2PI, whiten
 from aero_bayes.simulation.interface import (
-    GaussNewton,
     Outcome,
     ReadingNoiseTarget,
     Simulator,
@@ -27,8 +26,6 @@ from aero_bayes.simulation.interface import (
 )
 from aero_bayes.simulation.native_simulator import NativeSimulator
 
-#: Noise of an output that does not count, over its range.
-IGNORED_NOISE_FACTOR = 1e6
 #: Largest output or sensitivity, in any unit, that counts as a prediction: the square of a larger one overflows.
 MAX_MAGNITUDE = 1e100
 
@@ -266,22 +263,9 @@ class Objective:
         self._count(found.outcomes)
         return found.log_likelihood
 
-    def gauss_newton(self, values: FloatArray, noise: FloatArray, active: Sequence[int]) -> GaussNewton:
-        """Compute likelihood, gradient and Gauss-Newton Hessian at SI values (n, p), by SI values."""
-        found = self.simulator.gauss_newton(self.parameters.away_from_zero(values, active), noise, active=active)
-        self._count(found.outcomes)
-        return found
-
     def noise_rows(self, noise: Mapping[str, OutputNoise]) -> FloatArray:
-        """Write noise triples as the engine takes them, shape (1, 1, m, 3).
-
-        Outputs that do not count get large noise."""
-        scale = self.calibration.data.scale
-        rows = [
-            noise[name].as_row() if name in self.outputs else (IGNORED_NOISE_FACTOR * float(scale[k]), 0.0, 0.0)
-            for k, name in enumerate(self.calibration.data.outputs)
-        ]
-        return np.array([[rows]])
+        """Write noise triples as the engine takes them, shape (1, 1, m, 3)."""
+        return np.array([[[noise[name].as_row() for name in self.calibration.data.outputs]]])
 
     def _count(self, outcomes: NDArray[np.uint8]) -> None:
         codes, counts = np.unique(outcomes, return_counts=True)
@@ -363,22 +347,3 @@ class FilterObjective(Objective):
         found = cast(NativeSimulator, self.simulator).filtered_states(values)
         self._count(np.zeros(len(found), dtype=np.uint8))
         return tuple(smooth(states, y) for states, y in zip(found, self.calibration.data.measured, strict=True))
-
-    def gauss_newton(self, values: FloatArray, noise: FloatArray, active: Sequence[int]) -> GaussNewton:
-        n, q = len(values), len(active)
-        result = GaussNewton(
-            np.full(n, np.inf), np.full((n, q), np.nan), np.full((n, q, q), np.nan), np.full(n, -np.inf),
-            np.zeros((n, len(self.calibration.data.experiments)), dtype=np.uint8),
-        )  # fmt: skip
-        for k, coordinates in enumerate(self.parameters.to_search(values)):
-            before = Counter(self.outcomes)
-            found = self.evaluate(coordinates, active)
-            result.outcomes[k] = max((self.outcomes - before).elements())
-            if found is None:
-                continue
-            white = self.whiten(found, {})
-            by = 1.0 / self.parameters.jacobian(values[k])[list(active)]
-            result.cost[k] = 0.5 * float(white.residual @ white.residual)
-            result.log_likelihood[k] = white.log_likelihood
-            result.gradient[k], result.hessian[k] = -white.score * by, white.information * np.outer(by, by)
-        return result

@@ -161,17 +161,18 @@ class Target:
             total = total + self.parameters.log_prior(coordinates)
         return np.where(np.isfinite(total), -total, np.inf)
 
-    def cost_function(self, noise: FloatArray) -> FixedCost:
-        """Return the negative log-posterior at given noise, with gradient and Gauss-Newton Hessian.
-
-        Each evaluation is one simulation, reduced in the engine."""
+    def cost_function(self, noise: Mapping[str, OutputNoise]) -> FixedCost:
+        """Return the negative log-posterior at given noise, with gradient and Gauss-Newton Hessian."""
+        base, free = self.calibration.parameters.to_search(self.base), list(self.free)
 
         def quadratic(point: FloatArray) -> QuadraticModel | None:
-            at = point[None] if self.spread is None else self.spread(point[None])
-            found = self.objective.gauss_newton(self.values(at), noise, self.free)
-            slope = self.parameters.jacobian(self.parameters.from_search(at))[0]
-            cost, gradient = -float(found.log_likelihood[0]), found.gradient[0] * slope
-            hessian = found.hessian[0] * np.outer(slope, slope)
+            full = base.copy()
+            full[free] = point if self.spread is None else self.spread(point[None])[0]
+            found = self.objective.evaluate(full, free)
+            if found is None:
+                return None
+            white = self.objective.whiten(found, noise)
+            cost, gradient, hessian = -white.log_likelihood, -white.score, white.information
             if self.spread is not None:
                 gradient, hessian = gradient @ self.spread.map, self.spread.map.T @ hessian @ self.spread.map
                 cost, gradient = cost - float(self.spread.added(point[None])[0]), gradient - self.spread.slope
@@ -180,8 +181,7 @@ class Target:
                 cost -= float(self.parameters.log_prior(point[None])[0])
                 gradient = gradient - first
                 hessian = hessian + np.diag(np.maximum(-second, 0.0)) + self.parameters.coupling
-            good = np.isfinite(cost) and np.isfinite(gradient).all() and np.isfinite(hessian).all()
-            return QuadraticModel(cost, gradient, hessian) if good else None
+            return QuadraticModel(cost, gradient, hessian) if np.isfinite(cost) else None
 
         return FixedCost(quadratic)
 
@@ -284,7 +284,7 @@ def profile_likelihood(
     if column not in fit.free:
         raise InputError(f"{name} was not fitted, so it has no profile")
     target = fit.target(simulator)
-    cost_function = target.cost_function(objective_of(fit.calibration, simulator).noise_rows(fit.noise))
+    cost_function = target.cost_function(fit.noise)
     j = fit.free.index(column)
     centre, sd = fit.laplace.mean[: len(fit.free)], fit.laplace.sd[j]
     low, high = target.box
