@@ -14,7 +14,7 @@ from aero_bayes.estimate.local_fit import local_fit
 from aero_bayes.estimate.noise import OutputNoise, SampleTimes, autocorrelation, correlation_p_value
 from aero_bayes.estimate.noise_estimation import whiten
 from aero_bayes.estimate.objective import Objective, Series
-from aero_bayes.estimate.predict_recordings import rms_error
+from aero_bayes.estimate.predict_recordings import Prediction, RmsError, rms_error
 from aero_bayes.estimate.residual_tests import check_residuals, slow_variation_test, smooth_dependence_test
 from aero_bayes.simulation.interface import InputSignal
 
@@ -75,6 +75,15 @@ def test_rms_and_its_spread():
     assert white.sd == pytest.approx(1.0 / np.sqrt(2 * 5000), rel=0.4)
     slow = rms_error(np.repeat(rng.normal(size=100), 50))
     assert slow.sd > 3.0 * white.sd
+
+
+def test_deviation_of_a_pooled_error(rng):
+    parts = {("a", "y"): RmsError(1.0, 0.02, 500), ("b", "y"): RmsError(0.1, 0.02, 3000)}
+    found = Prediction({}, {}, parts, {})
+    draws = {key: e.rms + e.sd * rng.standard_normal(20_000) for key, e in parts.items()}
+    squares = sum(e.readings * draws[key] ** 2 for key, e in parts.items())
+    pooled = np.sqrt(squares / sum(e.readings for e in parts.values()))
+    assert found.uncertainty("test")["y"] == pytest.approx(pooled.std(), rel=0.05)
 
 
 def test_an_input_that_a_controller_sets_by_the_reading_is_no_structure():

@@ -1,4 +1,4 @@
-"""What a user may bring along, in some ten lines each: a cost function for the search, and a prior."""
+"""A prior that a user brings along."""
 
 from __future__ import annotations
 
@@ -11,29 +11,7 @@ import pytest
 from facts import facts
 from scipy.stats import gamma
 
-from aero_bayes.estimate.levenberg_marquardt import QuadraticModel, levenberg_marquardt
-
 pytestmark = pytest.mark.fast
-
-
-def test_a_user_brings_a_terrain_of_his_own():
-    """Maximum likelihood of a Poisson rate whose logarithm is linear in x; the score vanishes there."""
-    x = np.linspace(-1.0, 1.0, 60)
-    counts = np.random.default_rng(1).poisson(np.exp(0.8 + 1.2 * x))
-    design = np.stack([np.ones(x.size), x], axis=1)
-
-    class PoissonRegression:
-        def evaluate(self, point):
-            rate = np.exp(design @ point)
-            cost = float(rate.sum() - counts @ (design @ point))
-            return QuadraticModel(cost, design.T @ (rate - counts), design.T @ (design * rate[:, None]))
-
-        def update_noise(self, here):
-            return here
-
-    found = levenberg_marquardt(PoissonRegression(), np.zeros(2), np.full(2, -5.0), np.full(2, 5.0))
-    assert found.reason.converged
-    np.testing.assert_allclose(design.T @ np.exp(design @ found.point), design.T @ counts, rtol=1e-4)
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ from closed_form import calibration, fitted, parameter
 from scipy.optimize import least_squares
 
 from aero_bayes.errors import CannotFinishError
-from aero_bayes.estimate import LogUniform, NoiseModel, Normal, Uniform
+from aero_bayes.estimate import LogUniform, Normal, Uniform
 from aero_bayes.estimate.identifiability import Status
 from aero_bayes.estimate.levenberg_marquardt import FitSettings
 from aero_bayes.estimate.swarm import SwarmSettings
@@ -127,24 +127,6 @@ def test_an_optional_parameter_is_freed_only_where_the_data_shows_it() -> None:
         found = fitted(two_speeds, calibration([(times, y)], ["y"], items), SWARM)
         assert (found["L_a"].sd is not None) == shown
         assert found["L_a"].value == (pytest.approx(0.02, rel=0.3) if shown else 0.03)
-
-
-def test_correlated_residuals_widen_the_intervals_and_warn() -> None:
-    rng = np.random.default_rng(17)
-    t = np.arange(900) * 0.01
-    x = np.zeros(t.size)
-    for k in range(1, t.size):
-        x[k] = 0.98 * x[k - 1] + 0.04 * rng.normal()
-    y = (1.0 + 0.2 * t + x + 0.02 * rng.normal(size=t.size))[:, None]
-    items = [parameter(n, 0.0, -9.0, 9.0, Normal(0.0, 3.0)) for n in "ab"]
-    white, auto = (fitted(line, calibration([(t, y)], ["y"], items, NoiseModel(k))) for k in ("white", "auto"))
-    assert auto.noise["y"].model_error
-    assert auto.spread is not None
-    assert white.spread is None
-    np.testing.assert_allclose(auto.values, white.values, atol=1e-4)
-    assert auto["a"].sd > 3 * white["a"].sd
-    assert "y" in auto.warnings[0]
-    assert white.warnings
 
 
 def test_a_model_that_never_runs_is_said_in_one_line() -> None:

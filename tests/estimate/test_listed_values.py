@@ -13,13 +13,14 @@ import aero_bayes
 from aero_bayes.cli import main
 from aero_bayes.errors import InputError
 from aero_bayes.estimate.calibrated_model import combinations
-from aero_bayes.estimate.parameters import ParameterSpec
+from aero_bayes.estimate.parameters import ParameterSpec, parameters_from_model
 
 MODEL = """
 model Coil
   type Law = enumeration(Linear, Square);
   parameter Real R(min = 0.1) = 2;
   parameter Real gain = 1;
+  parameter Real tau = gain / (R + 1);
   parameter Integer n(min = 1) = 1;
   parameter Boolean offset = true;
   parameter Law law = Law.Linear;
@@ -117,6 +118,17 @@ def test_values_that_do_as_well_share_the_probability(model: aero_bayes.Model, t
 def test_refusals(model: aero_bayes.Model, values: dict[str, list], words: tuple[str, ...]):
     with pytest.raises(InputError) as refused:
         combinations(model, values)
+    assert all(word in str(refused.value) for word in words)
+    assert "\n" not in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [("tau", ("tau = gain / (R + 1)", "R and gain")), ("n", ("Integer",)), ("r", ("has no parameter r", "R"))],
+)
+def test_what_cannot_be_searched_is_refused_with_the_reason(model: aero_bayes.Model, name: str, words: tuple[str, ...]):
+    with pytest.raises(InputError) as refused:
+        parameters_from_model(model, [name])
     assert all(word in str(refused.value) for word in words)
     assert "\n" not in str(refused.value)
 

@@ -68,20 +68,6 @@ def test_agrees_with_scipy_trust_region_reflective(low: list[float], high: list[
     assert found.reason.converged
 
 
-def test_a_bounded_quadratic_ends_at_its_closed_form() -> None:
-    """With a diagonal curvature the minimum in a box is the free minimum, clipped; one step is enough."""
-    target, weight = np.array([3.0, -0.4, -2.0, 0.1]), np.array([1e-4, 1.0, 30.0, 1e6])
-
-    def bowl(x: np.ndarray) -> QuadraticModel:
-        return QuadraticModel(0.5 * float(weight @ (x - target) ** 2), weight * (x - target), np.diag(weight))
-
-    low, high = np.full(4, -1.0), np.array([1.0, 1.0, 1.0, 0.05])
-    found = levenberg_marquardt(FixedCost(bowl), np.array([-5.0, 0.0, 0.5, 0.0]), low, high, TIGHT)
-    np.testing.assert_allclose(found.point, np.clip(target, low, high), atol=1e-7)
-    assert found.reason.converged
-    assert found.evaluations <= 8
-
-
 def test_failures_are_walls_and_a_failed_start_is_said() -> None:
     walls = []
 
@@ -121,16 +107,6 @@ def test_a_start_is_brought_inside_and_no_evaluation_leaves_the_box() -> None:
     )
     assert found.cost <= reference.cost + 1e-9
     np.testing.assert_allclose(found.point[:2], reference.x, atol=2e-5)
-
-
-def test_a_column_without_effect_stays_where_it_is() -> None:
-    def blind(point: np.ndarray) -> QuadraticModel:
-        full = quadratic(point[:3])
-        return QuadraticModel(full.cost, np.append(full.gradient, 0.0), np.pad(full.hessian, ((0, 1), (0, 1))))
-
-    found = levenberg_marquardt(FixedCost(blind), np.array([-1.0, 1.0, 0.0, 0.25]), np.full(4, -3.0), np.full(4, 3.0))
-    assert found.point[3] == 0.25
-    np.testing.assert_allclose(found.point[:3], 1.0, atol=1e-4)
 
 
 def test_noise_estimated_between_steps_converges_with_the_parameters() -> None:

@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
+from closed_form import square_wave_lag
 
 import aero_bayes
 from aero_bayes import FitSettings, Recording
@@ -34,11 +35,7 @@ START_AT_READING = CalibrationSettings(initial_states="reading")
 
 def stepped(rng: np.random.Generator, gain: float) -> Recording:
     """Response of a first-order lag of 4 s to a square wave, in closed form, with noise of 0.01."""
-    time = np.arange(0.0, 40.0, 0.2)
-    u = np.where(np.floor(time / 10.0) % 2 == 0, 1.0, -1.0)
-    y = np.zeros(time.size)
-    for k in range(1, time.size):
-        y[k] = gain * u[k - 1] + (y[k - 1] - gain * u[k - 1]) * np.exp(-0.2 / 4.0)
+    time, u, y = square_wave_lag(gain)
     return Recording("run", time, {"u": u}, {"y": y + 0.01 * rng.standard_normal(time.size)}, {})
 
 
