@@ -29,7 +29,7 @@ OPTIONS = $(if $(MODEL),--model $(MODEL)) --seed $(SEED) $(if $(WORKERS),--worke
 SIMULATED := reports/simulated
 
 .DEFAULT_GOAL := all
-.PHONY: all help setup fleet fmu fit posterior loop design report replay check test test-all test-fast test-long test-platforms test-arm test-coverage lint size bench rig-trial fault-trial real-rigs real-trial coverage coverage-wrong results trust docs dist lock clean
+.PHONY: all help setup fleet fmu fit posterior loop design report check test test-all test-fast test-long test-platforms test-arm test-coverage lint size bench rig-trial fault-trial real-rigs real-trial coverage coverage-wrong results trust docs dist lock clean
 
 all: setup $(if $(DATA),,$(SIMULATED)/simulated.json) ## Modelica -> FMU -> PSO -> local search -> MCMC -> closed loop -> reports/report.html
 	$(RUN) all $(foreach f,$(or $(DATA),$(SIMULATED)/train_1.csv $(SIMULATED)/train_2.csv),--data $(f)) \
@@ -69,9 +69,6 @@ design: setup $(if $(DATA),,$(SIMULATED)/simulated.json) ## the next experiment:
 	  $(foreach p,$(AIM),--aim $(p)) \
 	  $(if $(DURATION),--duration $(DURATION)) $(if $(AMPLIFIER),--amplifier $(AMPLIFIER)) $(foreach t,$(TRAVEL),--travel $(t))
 
-replay: setup ## the paper's Table 1 and Fig. 6
-	$(BIN)/python studies/replay.py --out $(or $(OUT),reports/replay) --seed $(SEED)
-
 report: setup ## draw the page of OUT again
 	$(RUN) report $(or $(OUT),reports)
 
@@ -106,9 +103,7 @@ lint: size $(VENV)/.tested ## size, ruff, mypy, and the import contract where im
 	-@$(BIN)/python -m pip install --quiet --disable-pip-version-check 'import-linter>=2' 2>/dev/null
 	if [ -x $(BIN)/lint-imports ]; then $(BIN)/lint-imports --no-cache; else echo "import-linter is not here: layers were not checked"; fi
 
-bench: $(VENV)/.tested ## speed, as ratios in one run, and seconds of loops -> reports/bench.json
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c requirements.lock -e '.[bench]' \
-	  || echo "PINTS or CasADi could not be installed: their rows stay empty"
+bench: $(VENV)/.tested ## speed, as ratios in one run -> reports/bench.json
 	$(BIN)/python benchmarks/bench.py --out reports
 
 STUDY = $(BIN)/python studies/run.py $(subst -,_,$@) --out reports --seed $(SEED) $(if $(WORKERS),--workers $(WORKERS))

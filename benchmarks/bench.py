@@ -9,9 +9,7 @@ import traceback
 from pathlib import Path
 
 import bench_engine
-import bench_loops
 import bench_sampling
-import bench_structures
 
 
 def main() -> None:
@@ -21,7 +19,7 @@ def main() -> None:
     parser.add_argument("--rounds", type=int, default=5)
     options = parser.parse_args()
     failed = []
-    for part in (bench_engine, bench_sampling, bench_structures, bench_loops):
+    for part in (bench_engine, bench_sampling):
         start = time.perf_counter()
         try:
             part.run(options.out, options.rounds)

@@ -2,22 +2,19 @@
 
 One simulated recording (the paper's experiment, 40 s, 2,001 samples of three outputs with white noise) is fitted; eight
 parameters (the seven physical ones and the input's delay) are sampled with the noise held as fitted, by the program's
-own moves, by emcee's plain stretch move, and by the default sampler of PINTS (M. Clerx et al., 2019, J. Open Res.
-Softw. 7, 23), all through the engine. Through FMPy they would need hours: their time there is that of as many
-evaluations, timed over a few. Effective samples are those of the worst parameter (rank-normalised bulk ESS over
-independent ensembles), burn-in included in the time of each.
+own moves and by emcee's plain stretch move, both through the engine. Through FMPy the latter would need hours: its time
+there is that of as many evaluations, timed over a few. Effective samples are those of the worst parameter
+(rank-normalised bulk ESS over independent ensembles), burn-in included in the time of each.
 """
 
 from __future__ import annotations
 
-import importlib.util
 import statistics
 import tempfile
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from emcee.moves import StretchMove
@@ -25,7 +22,7 @@ from harness import Row, update
 from threadpoolctl import threadpool_limits
 
 from aero_bayes.estimate import CalibrationSettings, NoiseModel
-from aero_bayes.estimate.convergence import SampleSettings, check_convergence
+from aero_bayes.estimate.convergence import SampleSettings
 from aero_bayes.estimate.fit import fit
 from aero_bayes.estimate.levenberg_marquardt import FitSettings
 from aero_bayes.estimate.mcmc import MakeMoves, run_chain, standard_moves
@@ -43,8 +40,6 @@ from simulated_rigs.sensors import white
 TIME_LIMIT = 1.0
 OURS = SampleSettings(max_steps=400, ess=1e9, max_minutes=TIME_LIMIT)
 STRETCH = SampleSettings(burn_in=600, max_rounds=1, max_steps=2500, ess=1e9, lengths=100.0, max_minutes=TIME_LIMIT)
-#: Chains and steps of PINTS.
-CHAINS, STEPS = 4, 6000
 Density = Callable[[np.ndarray], np.ndarray]
 
 
@@ -102,31 +97,6 @@ def own_sampler(fit: Fit, value: Density, settings: SampleSettings, moves: MakeM
     return Sampled(seconds, chain.evaluations, ess, r_hat)
 
 
-def pints_sampler(fit: Fit, value: Density) -> Sampled:
-    """Run PINTS' default sampler, adaptive Metropolis; the first half of its steps is burn-in."""
-    import pints
-
-    d = len(fit.free)
-
-    class Posterior(pints.LogPDF):  # type: ignore[misc]
-        def n_parameters(self) -> int:
-            return d
-
-        def __call__(self, point: np.ndarray) -> float:
-            return float(value(np.asarray(point)[None])[0])
-
-    np.random.seed(1)  # noqa: NPY002  PINTS draws from NumPy's global generator
-    starts = fit.laplace.mean[:d] + fit.laplace.sd[:d] * np.random.default_rng(5).standard_normal((CHAINS, d))
-    run: Any = pints.MCMCController(Posterior(), CHAINS, starts, fit.laplace.sd[:d] ** 2)
-    run.set_max_iterations(STEPS)
-    run.set_log_to_screen(False)
-    began = time.perf_counter()
-    chains = np.asarray(run.run())[:, STEPS // 2 :]
-    seconds = time.perf_counter() - began
-    found = [check_convergence(chains[:, :, j : j + 1]) for j in range(d)]
-    return Sampled(seconds, CHAINS * STEPS, min(f.ess_bulk for f in found), max(f.r_hat for f in found))
-
-
 def fmpy_seconds(fit: Fit, evaluations: int) -> float:
     """Measure the median seconds of one evaluation through FMPy."""
     d, seconds = len(fit.free), []
@@ -160,15 +130,6 @@ def rows(fit: Fit, evaluations: int) -> Iterator[Row]:
         yield compared("ess_per_s_over_stretch", "own moves / emcee's stretch move, same engine", own, stretch)
         slow = fmpy_seconds(fit, evaluations)
         yield compared("ess_per_s_over_fmpy", "own moves / emcee's stretch move on FMPy", own, stretch, slow)
-        names = {
-            "ess_per_s_over_pints": ("own moves / PINTS' adaptive Metropolis, same engine", None),
-            "ess_per_s_over_pints_on_fmpy": ("own moves / PINTS' adaptive Metropolis on FMPy", slow),
-        }
-        if importlib.util.find_spec("pints") is None:
-            yield from (Row(key, name, note="PINTS is not installed") for key, (name, _) in names.items())
-            return
-        pints = pints_sampler(fit, value)
-        yield from (compared(key, name, own, pints, seconds) for key, (name, seconds) in names.items())
 
 
 def run(out: Path, rounds: int) -> None:

@@ -44,7 +44,7 @@ def test_the_simulated_rigs_use_nothing_of_the_package_but_recordings() -> None:
 
 def test_the_package_imports_no_study() -> None:
     studies = {path.stem for path in STUDIES.iterdir()}
-    assert {"replay", "simulated_rigs"} <= studies
+    assert {"run", "simulated_rigs"} <= studies
     for path in Path(aero_bayes.__file__).parent.rglob("*.py"):
         assert not studies & {name.split(".")[0] for name in imports(path)}, path
 
