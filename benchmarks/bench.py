@@ -10,6 +10,7 @@ from pathlib import Path
 
 import bench_engine
 import bench_sampling
+import bench_structures
 
 
 def main() -> None:
@@ -19,7 +20,7 @@ def main() -> None:
     parser.add_argument("--rounds", type=int, default=5)
     options = parser.parse_args()
     failed = []
-    for part in (bench_engine, bench_sampling):
+    for part in (bench_engine, bench_sampling, bench_structures):
         start = time.perf_counter()
         try:
             part.run(options.out, options.rounds)
