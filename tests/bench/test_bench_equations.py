@@ -10,7 +10,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from simulated_rigs.aero import HALF_QUAD, Truth, even_times, pivot_friction
-from simulated_rigs.designs import Levels, paper_step
+from simulated_rigs.designs import Levels
 from simulated_rigs.kinds import AERO
 from simulated_rigs.truth import LawPlace, LawTruth, assembled, simulate_rig
 
@@ -100,12 +100,6 @@ def test_steady_state(p: Mapping[str, float], motors: int) -> None:
     assert theta == pytest.approx(motors * p["D_t"] * p["k_t"] * w * w / p["K_sp"], rel=1e-3)
 
 
-def test_documented_thrust_gain() -> None:
-    time = even_times(20.0, 20.0)
-    speed = Truth().run(time[:-1], paper_step().volts(time[:-1]))[0][-1, 1]
-    assert 2.0 * P["D_t"] * P["k_t"] * speed**2 == pytest.approx(0.0011 * 24.0, rel=0.02)
-
-
 def test_error_falls_with_the_tolerance() -> None:
     states, found = reference(two_motors(P, 2), VOLTS), []
     for relative in (1e-5, 1e-7, 1e-9):
@@ -161,29 +155,3 @@ def test_brush_drop_blocks_small_voltages_and_takes_its_share_of_others() -> Non
     coasting = (time > 5.0) & (P["c_m"] * outputs[:, 1] < 0.79)
     assert coasting.sum() > 10
     assert (outputs[coasting, 0] == 0.0).all()
-
-
-@pytest.mark.parametrize(
-    ("one", "sizes"),
-    [
-        (law("contact_drop", "balance", "i", V_c=0.5), (0.5, 0.0, 0.0)),
-        (law("coulomb_friction", "balance", "w", F_c=8e-4), (0.0, 8e-4, 0.0)),
-        (pivot_friction(1e-3), (0.0, 0.0, 1e-3)),
-    ],
-)
-def test_against_a_steep_smooth_law(one: LawTruth, sizes: tuple[float, float, float]) -> None:
-    """tanh with a small width tends to the sign law; what is left is of the order of the width."""
-    time = even_times(6.0, 100.0)
-    volts = Levels((0.0, 1.5, 3.0, 4.5), (10.0, -8.0, 12.0, 0.0)).volts(time)
-    drop, rotor, pivot = sizes
-
-    def rates(t: float, s: np.ndarray, v: float) -> list[float]:
-        i, w, th, q = s
-        di = (v - drop * np.tanh(i / 5e-6) - P["R_a"] * i - P["c_m"] * w) / P["L_a"]
-        dw = (P["c_m"] * i - P["k_d"] * w * abs(w) - rotor * np.tanh(w / 0.02)) / (P["J_r"] + P["J_s"])
-        torque = 2.0 * P["D_t"] * P["k_t"] * w * abs(w) - pivot * np.tanh(q / 2e-4) - P["D_p"] * q - P["K_sp"] * th
-        return [di, dw, q, torque / P["J_p"]]
-
-    smooth = reference(rates, volts, 4, time, 1e-8)
-    exact, _ = Truth((one,)).run(time, volts)
-    assert (np.abs(exact - smooth[:, :3]).max(axis=0) < 2e-3 * np.ptp(smooth[:, :3], axis=0)).all()

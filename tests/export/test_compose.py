@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from export_driver import driven
-from hand_written_aero import NOMINAL, STATES, one_dof
+from hand_written_aero import NOMINAL, SCALES, one_dof
 
 from aero_bayes.errors import InputError
 from aero_bayes.modelica.compose import (
@@ -66,12 +66,11 @@ def test_uses_of_an_input_pass_through_a_law(base, tmp_path):
     flow = next(k for k, e in enumerate(flat.equations) if e.origin == "flow" and "body.flange.tau" in names_in(e.left))
     flat = add_term(flat, flow, Call("neg", (Name("push"),)))
     flat = add_output(flat, "speed_2", Name("body.omega"), "rad/s")
-    x = np.array([0.2, 310.0, 0.3, 0.7, -0.1, -290.0])
+    x = dict(zip(SCALES, (0.2, 310.0, 0.3, 0.7, -0.1, -290.0), strict=True))
     with driven(export_flat(flat, tmp_path / "g.fmu")) as fmu:
         fmu.begin()
         fmu.set(V_m=12.0, gain=0.25, push=0.03)
-        at = dict(zip(STATES, x, strict=True))
-        at["speed_2"] = at["body.omega"]
+        at = x | {"speed_2": x["body.omega"]}
         found = dict(zip(fmu.states, fmu.rhs(np.array([at[s] for s in fmu.states])), strict=True))
         rates = one_dof(x, 3.0, NOMINAL)
         rates["body.omega"] += 0.03 / NOMINAL["J_p"]

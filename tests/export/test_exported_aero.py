@@ -6,15 +6,15 @@ import ctypes
 import hashlib
 import zipfile
 from collections.abc import Callable
-from itertools import pairwise
 from pathlib import Path
 
+import casadi
 import fmpy
 import numpy as np
 import pytest
 from export_driver import Driven, driven
 from fmpy.validation import validate_fmu
-from hand_written_aero import NOMINAL, SCALES, STATES, half_quad, one_dof
+from hand_written_aero import NOMINAL, SCALES, TWO_DOF_NOMINAL, TWO_DOF_SCALES, motor, one_dof
 from scipy.integrate import solve_ivp
 
 from aero_bayes.modelica.compilers import export_fmu
@@ -23,22 +23,12 @@ from aero_bayes.simulation.model import Model
 from aero_bayes.simulation.native_simulator import NativeSimulator
 
 Built = Callable[[str], Path]
-SYSTEMS = ("OneDof", "HalfQuad", "OneDofLinear", "HalfQuadLinear", "TransferFunction")
+SYSTEMS = ("OneDof", "HalfQuad", "OneDofLinear", "HalfQuadLinear", "TransferFunction", "TwoDof")
+X = np.array([0.3, 200.0, 0.1, 0.2, -0.2, -150.0])
 
 
-def rates_by_hand(name: str, states: list[str], x: np.ndarray, v: float, p: dict[str, float]) -> np.ndarray:
-    function = one_dof if name.startswith("OneDof") else half_quad
-    own = [STATES.index(s) for s in states]
-    ordered = np.zeros(len(states))
-    ordered[np.argsort(np.argsort(own))] = x
-    by_name = dict(zip(states, x, strict=True))
-    ordered = np.array([by_name[s] for s in STATES if s in by_name])
-    rates = function(ordered, v, p, linear=name.endswith("Linear"))
-    return np.array([rates[s] for s in states])
-
-
-def draw(rng: np.random.Generator) -> dict[str, float]:
-    return {n: v * float(rng.uniform(0.5, 2.0)) for n, v in NOMINAL.items()}
+def draw(rng: np.random.Generator, nominal: dict[str, float] = NOMINAL) -> dict[str, float]:
+    return {n: v * float(rng.uniform(0.5, 2.0)) for n, v in nominal.items()}
 
 
 @pytest.mark.parametrize("name", SYSTEMS)
@@ -52,12 +42,65 @@ def test_rates_equal_the_hand_written_equations(aero_fmu, name):
     with driven(aero_fmu(name)) as fmu:
         fmu.begin()
         for _ in range(50):
-            p = draw(rng)
-            v = float(rng.uniform(-24, 24))
-            x = np.array([rng.normal() * SCALES[STATES.index(s)] for s in fmu.states])
+            p, v = draw(rng), float(rng.uniform(-24, 24))
+            x = {s: float(rng.normal()) * SCALES[s] for s in fmu.states}
             fmu.set_all(p | {"V_m": v})
-            expected = rates_by_hand(name, fmu.states, x, v, p)
-            np.testing.assert_allclose(fmu.rhs(x), expected, rtol=1e-12, atol=1e-12 * np.abs(expected).max())
+            rates = one_dof(x, v, p, linear=name.endswith("Linear"))
+            expected = np.array([rates[s] for s in fmu.states])
+            found = fmu.rhs(np.array(list(x.values())))
+            np.testing.assert_allclose(found, expected, rtol=1e-12, atol=1e-12 * np.abs(expected).max())
+
+
+def test_free_in_pitch_and_yaw_it_follows_from_its_kinetic_energy(aero_fmu):
+    """Euler and Lagrange: the rotors' angular momenta follow the axes, the thrusts push across the arms."""
+    rng = np.random.default_rng(2)
+    q, dq, ddq = casadi.SX.sym("q", 2), casadi.SX.sym("dq", 2), casadi.SX.sym("ddq", 2)
+    spin, dspin = casadi.SX.sym("spin", 2), casadi.SX.sym("dspin", 2)
+    # the main rotor turns about an axis that is tilted by the pitch, the tail rotor against the pitch axis
+    about_axis = casadi.vertcat(dq[1] * casadi.cos(q[0]), -dq[0])
+    with driven(aero_fmu("TwoDof")) as fmu:
+        assert {n: fmu.starts[n] for n in fmu.parameters} == TWO_DOF_NOMINAL
+        fmu.begin()
+        for _ in range(20):
+            p, x = draw(rng, TWO_DOF_NOMINAL), {s: float(rng.normal()) * TWO_DOF_SCALES[s] for s in fmu.states}
+            u = {"V_m": float(rng.uniform(-24, 24)), "V_t": float(rng.uniform(-24, 24))}
+            fmu.set_all(p | u)
+            rates = dict(zip(fmu.states, fmu.rhs(np.array(list(x.values()))), strict=True))
+            thrust, drag = [], []
+            for m, own in (("m", p), ("t", p | {"k_d": p["k_dt"], "k_t": p["k_tt"]})):
+                i, w = f"thruster_{m}.motor.inductor.i", f"omega_{m}"
+                *expected, force = motor(x[i], x[w], u[f"V_{m}"], own)
+                assert [rates[i], rates[w]] == pytest.approx(expected, rel=1e-12)
+                thrust.append(force)
+                drag.append(own["k_d"] * x[w] * abs(x[w]))
+            energy = 0.5 * p["J_p"] * dq[0] ** 2 + 0.5 * (p["J_y"] - p["J_p"] * casadi.sin(q[0]) ** 2) * dq[1] ** 2
+            lagrangian = energy + (p["J_r"] + p["J_s"]) * casadi.dot(spin, about_axis) + p["K_sp"] * casadi.cos(q[0])
+            momentum = casadi.gradient(lagrangian, dq)
+            forces = casadi.vertcat(
+                p["D_t"] * thrust[0] - p["D_p"] * dq[0],
+                p["D_t"] * casadi.cos(q[0]) * thrust[1] - p["D_y"] * dq[1],
+            ) - casadi.jtimes(about_axis, dq, casadi.DM.eye(2)).T @ casadi.DM(drag)
+            change = sum(casadi.jtimes(momentum, of, by) for of, by in ((q, dq), (dq, ddq), (spin, dspin)))
+            left = change - casadi.gradient(lagrangian, q) - forces
+            balance = casadi.Function("f", [q, dq, ddq, spin, dspin], [left])(
+                [x["theta"], x["psi"]], [x["body.omega"], x["body.rate"]], [rates["body.omega"], rates["body.rate"]],
+                [x["omega_m"], x["omega_t"]], [rates["omega_m"], rates["omega_t"]],
+            )  # fmt: skip
+            assert (rates["theta"], rates["psi"]) == (x["body.omega"], x["body.rate"])
+            np.testing.assert_allclose(np.array(balance).ravel(), 0.0, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("voltage", "state", "sign"), [("V_m", "theta", 1), ("V_m", "psi", -1), ("V_t", "psi", 1), ("V_t", "theta", 1)]
+)
+def test_each_motor_turns_the_body_the_way_that_is_documented(aero_fmu, voltage, state, sign):
+    with driven(aero_fmu("TwoDof")) as fmu:
+        fmu.begin()
+        fmu.set_all({voltage: 24.0})
+        x = np.zeros(len(fmu.states))
+        for _ in range(20000):
+            x = x + 1e-5 * fmu.rhs(x)
+        assert sign * x[fmu.states.index(state)] > 0.0
 
 
 def test_transfer_function_is_the_linear_oscillator(aero_fmu):
@@ -82,31 +125,30 @@ def test_defaults_are_the_nominal_values(aero_fmu):
                 assert v.description
 
 
-@pytest.mark.parametrize("name", ["OneDof", "HalfQuad"])
+@pytest.mark.parametrize("name", ["OneDof", "HalfQuad", "TwoDof"])
 def test_directional_derivatives_equal_differences(aero_fmu, name):
     rng = np.random.default_rng(2)
+    two = name == "TwoDof"
     with driven(aero_fmu(name)) as fmu:
         fmu.begin()
-        p = draw(rng) | {"V_m": 11.0}
-        x = np.array([rng.normal() * SCALES[STATES.index(s)] for s in fmu.states])
+        p = draw(rng, TWO_DOF_NOMINAL) | {"V_m": 11.0, "V_t": -7.0} if two else draw(rng) | {"V_m": 11.0}
+        scales = np.array([(TWO_DOF_SCALES if two else SCALES)[s] for s in fmu.states])
+        x = rng.normal(size=len(scales)) * scales
         fmu.set_all(p)
-        for j, state in enumerate(fmu.states):
-            h = 1e-6 * SCALES[STATES.index(state)]
-            step = np.eye(len(x))[j] * h
-            expected = (fmu.rhs(x + step) - fmu.rhs(x - step)) / (2 * h)
+        for state, step in zip(fmu.states, 1e-6 * np.diag(scales), strict=True):
+            expected = (fmu.rhs(x + step) - fmu.rhs(x - step)) / (2 * step.max())
             fmu.move(x)
             np.testing.assert_allclose(fmu.slope(fmu.rates, state), expected, rtol=1e-6, atol=1e-5)
         for known, value in p.items():
-            h = 1e-6 * value
-            fmu.set_all({known: value + h})
-            above = fmu.rhs(x)
-            fmu.set_all({known: value - h})
-            below = fmu.rhs(x)
+            h = 1e-6 * abs(value)
+            ends = []
+            for sign in (1, -1):
+                fmu.set_all({known: value + sign * h})
+                ends.append(fmu.rhs(x))
             fmu.set_all({known: value})
-            expected = (above - below) / (2 * h)
-            np.testing.assert_allclose(
-                fmu.slope(fmu.rates, known), expected, rtol=1e-6, atol=1e-7 * np.abs(expected).max()
-            )
+            expected = (ends[0] - ends[1]) / (2 * h)
+            found = fmu.slope(fmu.rates, known)
+            np.testing.assert_allclose(found, expected, rtol=1e-6, atol=1e-7 * np.abs(expected).max())
         assert fmu.slope(["theta"], "theta") == [1.0]
         assert fmu.slope(["theta"], "K_sp") == [0.0]
 
@@ -114,9 +156,8 @@ def test_directional_derivatives_equal_differences(aero_fmu, name):
 def test_directional_derivative_is_linear_in_the_seed(aero_fmu):
     with driven(aero_fmu("OneDof")) as fmu:
         fmu.begin()
-        fmu.move(np.array([0.3, 200.0, 0.1, 0.2, -0.2, -150.0]))
-        known = ["V_m", "R_a", "theta"]
-        seeds = [0.3, -2.0, 0.7]
+        fmu.move(X)
+        known, seeds = ["V_m", "R_a", "theta"], [0.3, -2.0, 0.7]
         together = fmu.fmu.getDirectionalDerivative(
             [fmu.references[n] for n in fmu.rates], [fmu.references[n] for n in known], seeds
         )
@@ -124,27 +165,20 @@ def test_directional_derivative_is_linear_in_the_seed(aero_fmu):
         np.testing.assert_allclose(together, apart, rtol=1e-14)
 
 
-def reference_run(v_of_t: Callable[[float], float], jumps: list[float], grid: np.ndarray) -> np.ndarray:
-    """i_m, omega_m, theta of the nominal OneDof on ``grid`` (n, 3), from the hand-written equations."""
-    found = np.zeros((len(grid), 3))
-    x = np.zeros(6)
-    for start, end in pairwise(jumps):
-        v = v_of_t(0.5 * (start + end))
-        here = (grid >= start) & (grid <= end)
-        solution = solve_ivp(
-            lambda t, x, v=v: np.array([one_dof(x, v, NOMINAL)[s] for s in STATES]),
-            (start, end), x, method="Radau", t_eval=np.union1d(grid[here], [end]), rtol=1e-10, atol=1e-12,
-        )  # fmt: skip
-        x = solution.y[:, -1]
-        found[here] = solution.y[:3, np.isin(solution.t, grid[here])].T
-    return found
-
-
 @pytest.fixture(scope="module")
 def step_by_hand() -> tuple[np.ndarray, np.ndarray]:
-    """24 V for 4 s, then 0 V for 4 s: the grid, and the outputs on it."""
-    grid = np.round(np.arange(0, 8.0001, 0.05), 10)
-    return grid, reference_run(lambda t: 24.0 if t < 4 else 0.0, [0.0, 4.0, 8.0], grid)
+    """24 V for 4 s, then 0 V for 4 s: the grid, and i_m, omega_m, theta on it by the hand-written equations."""
+    found, x = [np.zeros((1, 3))], np.zeros(6)
+    for v in (24.0, 0.0):
+
+        def rates(t: float, x: np.ndarray, v: float = v) -> list[float]:
+            by_name = one_dof(dict(zip(SCALES, x, strict=True)), v, NOMINAL)
+            return [by_name[s] for s in SCALES]
+
+        run = solve_ivp(rates, (0, 4), x, method="Radau", t_eval=np.linspace(0, 4, 81), rtol=1e-10, atol=1e-12)
+        x = run.y[:, -1]
+        found.append(run.y[:3, 1:].T)
+    return np.round(np.arange(0, 8.0001, 0.05), 10), np.concatenate(found)
 
 
 @pytest.mark.parametrize("kind", ["ModelExchange", "CoSimulation"])
@@ -180,59 +214,39 @@ def test_outputs_share_the_references_of_the_states(aero_fmu):
 def test_state_survives_a_round_trip(aero_fmu):
     with driven(aero_fmu("OneDof")) as fmu:
         fmu.begin()
-        x = np.array([0.3, 200.0, 0.1, 0.2, -0.2, -150.0])
         fmu.set(V_m=9.0, R_a=7.7)
-        rates = fmu.rhs(x)
+        rates = fmu.rhs(X)
         saved = fmu.fmu.getFMUState()
         stored = fmu.fmu.serializeFMUState(saved)
         fmu.set(V_m=-3.0, R_a=9.9)
-        assert not np.array_equal(fmu.rhs(0 * x), rates)
-        fmu.fmu.setFMUState(saved)
-        assert np.array_equal(fmu.position(), x)
-        assert np.array_equal(fmu.get(*fmu.rates), rates)
-        fmu.fmu.freeFMUState(saved)
-        fmu.rhs(0 * x)
-        again = fmu.fmu.deSerializeFMUstate(stored)
-        fmu.fmu.setFMUState(again)
-        assert np.array_equal(fmu.get(*fmu.rates), rates)
-        fmu.fmu.freeFMUState(again)
+        for state in (saved, fmu.fmu.deSerializeFMUstate(stored)):
+            assert not np.array_equal(fmu.rhs(0 * X), rates)
+            fmu.fmu.setFMUState(state)
+            assert np.array_equal(fmu.position(), X)
+            assert np.array_equal(fmu.get(*fmu.rates), rates)
+            fmu.fmu.freeFMUState(state)
+        with driven(aero_fmu("HalfQuad")) as other:
+            other.begin()
+            with pytest.raises(Exception, match="fmi2DeSerializeFMUstate"):
+                other.fmu.deSerializeFMUstate(stored)
 
 
-def test_a_foreign_state_is_refused(aero_fmu):
-    with driven(aero_fmu("OneDof")) as one, driven(aero_fmu("HalfQuad")) as other:
-        one.begin()
-        other.begin()
-        stored = one.fmu.serializeFMUState(one.fmu.getFMUState())
-        with pytest.raises(Exception, match="fmi2DeSerializeFMUstate"):
-            other.fmu.deSerializeFMUstate(stored)
-
-
-def test_reset_returns_to_the_beginning(aero_fmu):
+def test_reset_returns_to_the_beginning_of_one_instance(aero_fmu):
     with driven(aero_fmu("OneDof")) as fmu:
+        two = Driven(aero_fmu("OneDof"), fmu.folder)
         fmu.begin()
-        x = np.array([0.3, 200.0, 0.1, 0.2, -0.2, -150.0])
-        first = fmu.rhs(x)
+        two.begin()
+        first = fmu.rhs(X)
+        two.rhs(X)
         fmu.set(R_a=20.0, V_m=5.0)
-        fmu.rhs(x)
+        fmu.rhs(0 * X)
+        assert np.array_equal(two.get(*two.rates), first)  # instances share nothing
+        two.fmu.freeInstance()
         fmu.fmu.reset()
         assert fmu.get("R_a", "V_m").tolist() == [NOMINAL["R_a"], 0.0]
         fmu.begin()
         assert np.array_equal(fmu.position(), np.zeros(6))
-        assert np.array_equal(fmu.rhs(x), first)
-
-
-def test_instances_do_not_share_anything(aero_fmu):
-    with driven(aero_fmu("OneDof")) as one:
-        two = Driven(aero_fmu("OneDof"), one.folder)
-        one.begin()
-        two.begin()
-        x = np.array([0.3, 200.0, 0.1, 0.2, -0.2, -150.0])
-        before = one.rhs(x)
-        two.set(R_a=20.0, V_m=5.0)
-        two.rhs(0 * x)
-        assert np.array_equal(one.get(*one.rates), before)
-        assert one.get("R_a")[0] == NOMINAL["R_a"]
-        two.fmu.freeInstance()
+        assert np.array_equal(fmu.rhs(X), first)
 
 
 def test_what_cannot_be_set_is_refused(aero_fmu):

@@ -1,8 +1,8 @@
-"""The Modelica files that extend a base system: what they say, and what they compute."""
+"""Modelica files that extend a base system with effects that test_effects.py does not have: curves, one motor."""
 
 from __future__ import annotations
 
-from math import exp, tanh
+from math import exp
 
 import numpy as np
 import pytest
@@ -12,7 +12,6 @@ from aero_bayes.errors import InputError
 from aero_bayes.laws.law_places import LawPlaces
 from aero_bayes.loop.modelica_family import ModelicaFamily
 from aero_bayes.modelica.causalisation import ExplicitModel
-from aero_bayes.modelica.compilers import export_fmu
 from aero_bayes.modelica.embedded import explicit_model
 from aero_bayes.modelica.expression import evaluate_nodes
 
@@ -35,46 +34,6 @@ def rates_at(model: ExplicitModel, values: dict[str, float]) -> dict[str, float]
     outputs = [model.solved.get(o, b.symbol(o)) for o in ("i_m", "omega_m", "theta")]
     numbers = evaluate_nodes([*model.rates, *outputs], known)
     return dict(zip([*model.states, "i_m", "omega_m", "theta"], numbers, strict=True))
-
-
-@pytest.fixture(scope="module")
-def base() -> dict[str, float]:
-    return rates_at(explicit_model("Aero.Systems.OneDof"), {})
-
-
-@pytest.mark.parametrize("effect", EVERY, ids=lambda c: c.id)
-def test_one_effect_in_a_model_of_its_own(effect, base, tmp_path):
-    written = write_effects("Aero.Systems.OneDof", {effect.id: {}}, tmp_path)
-    assert written.name == f"OneDof_{effect.id.partition('@')[0]}"
-    assert written.path.read_text(encoding="utf-8") == written.text
-    model = explicit_model(written.name, [written.path])
-    off = rates_at(model, {})
-    assert {n: off[n] for n in base} == pytest.approx(base, rel=1e-14)
-    # what a parameter moves must be reached from the top level
-    extra = {s: 0.5 for s in model.states if s not in POINT} | {"thruster_1.motor.rotor.w": 0.4}
-    sizes = dict.fromkeys(effect.law.nominals, 1.0)
-    on = rates_at(model, extra | {effect.law.magnitude.name: effect.law.magnitude.value("nominal", sizes)})
-    assert on != rates_at(model, extra)
-
-
-def test_a_torque_at_the_body_is_an_extension_of_its_class(tmp_path):
-    written = write_effects("Aero.Systems.OneDof", {"pivot_coulomb_friction": {}}, tmp_path)
-    assert "  extends Aero.Systems.OneDof;\n" in written.text
-    assert "connect(pivot_coulomb_friction.port, body.flange);" in written.text
-
-
-def test_effects_at_one_place_act_together(base, tmp_path):
-    effects = {
-        "cubic_stiffness": {"k_3": 0.01}, "pivot_coulomb_friction": {"F_c": 1e-3},
-        "supply_resistance": {"R_s": 2.0}, "brush_drop": {"V_c": 0.5},
-    }  # fmt: skip
-    written = write_effects("Aero.Systems.OneDof", effects, tmp_path, "Together")
-    found = rates_at(explicit_model("Together", [written.path]), {})
-    torque = -0.01 * 0.33**3 - 1e-3 * tanh(0.41 / 2e-5)
-    assert found["body.omega"] == pytest.approx(base["body.omega"] + torque / 0.0219, rel=1e-12)
-    drop = 2.0 * 0.21 + 0.5 * tanh(0.21 / 2e-5)
-    state = "thruster_1.motor.inductor.i"
-    assert found[state] == pytest.approx(base[state] - drop / 1.16e-3, rel=1e-12)
 
 
 def test_base_with_one_motor(tmp_path):
@@ -121,22 +80,6 @@ def test_a_learned_curve_acts_at_its_port(curve, tmp_path):
         expected[f"thruster_2.{state}"] -= two / inertia
     for state, value in expected.items():
         assert found[state] == pytest.approx(value, rel=1e-11), state
-
-
-def test_the_exported_parameters_reach_the_effect(tmp_path):
-    from export_driver import driven
-
-    written = write_effects("Aero.Systems.OneDof", {"pivot_coulomb_friction": {"F_c": 7e-4}}, tmp_path)
-    path = export_fmu(written.name, tmp_path / "x.fmu", compiler="embedded", sources=[written.path])
-    with driven(path) as fmu:
-        fmu.begin()
-        assert fmu.starts["F_c"] == 7e-4
-        x = np.zeros(6)
-        x[fmu.states.index("body.omega")] = 0.1
-        rate = fmu.states.index("body.omega")
-        assert fmu.rhs(x)[rate] == pytest.approx(-(7e-4 + 0.0071 * 0.1) / 0.0219, rel=1e-12)
-        fmu.set(F_c=0.0)
-        assert fmu.rhs(x)[rate] == pytest.approx(-0.0071 * 0.1 / 0.0219, rel=1e-12)
 
 
 def test_effects_that_a_package_names_must_be_there(tmp_path):
