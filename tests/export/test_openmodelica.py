@@ -10,7 +10,7 @@ import pytest
 from facts import facts
 
 from aero_bayes.errors import InputError
-from aero_bayes.modelica.compilers import DERIVATIVES, FLAGS, export_fmu, first_compiler, first_error, script
+from aero_bayes.modelica.compilers import DERIVATIVES, FLAGS, export_fmu, first_error, script
 
 pytestmark = pytest.mark.fast
 
@@ -68,10 +68,6 @@ def test_what_the_embedded_exporter_refuses_goes_to_omc(tmp_path, monkeypatch):
     install(tmp_path, action, monkeypatch)
     monkeypatch.setattr("aero_bayes.modelica.compilers.export_embedded", refuse)
     assert export_fmu("Aero.Systems.OneDof", tmp_path / "x.fmu").is_file()
-    used: list[str] = []
-    monkeypatch.undo()
-    assert first_compiler("auto", lambda one: (used.append(one), tmp_path)[1]) == tmp_path
-    assert used == ["embedded"]
 
 
 def test_both_refusals_are_told(tmp_path, monkeypatch):

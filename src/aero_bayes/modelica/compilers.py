@@ -6,7 +6,7 @@ import re
 import shutil
 import subprocess
 import zipfile
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Literal
 
@@ -96,23 +96,6 @@ def first_error(text: str) -> str:
 Compiler = Literal["auto", "omc", "embedded"]
 
 
-def first_compiler(compiler: Compiler, attempt: Callable[[Compiler], Path]) -> Path:
-    """Return what the first compiler makes that does not refuse.
-
-    For ``auto`` the embedded one, then ``omc`` if it is there."""
-    if compiler != "auto":
-        return attempt(compiler)
-    try:
-        return attempt("embedded")
-    except InputError as refusal:
-        if shutil.which("omc") is None:
-            raise
-        try:
-            return attempt("omc")
-        except InputError as other:
-            raise InputError(f"{refusal}; and OpenModelica: {other}") from None
-
-
 def export_fmu(
     model: str,
     out: Path | str,
@@ -163,21 +146,19 @@ def export_fmu(
     out, sources = Path(out), as_packages(paths_of(sources, "sources"))
     libraries = paths_of(libraries, "libraries")
     wanted = platforms_called(platforms)
-
-    def attempt(one: Compiler) -> Path:
-        if one == "omc":
-            return export_openmodelica(model, out, sources, libraries)
-        return export_embedded(model, out, sources, libraries, platforms=wanted, stop=stop)
-
-    return first_compiler(_usable_compiler(compiler, here_only=wanted == (this_machine(),)), attempt)
-
-
-def _usable_compiler(compiler: Compiler, *, here_only: bool) -> Compiler:
-    """Return the compiler, or the only one that can do what is asked."""
+    elsewhere = wanted != (this_machine(),)
     if compiler not in ("auto", "omc", "embedded"):
         raise InputError(f"compiler {compiler!r}: expected auto, omc or embedded")
-    if here_only:
-        return compiler
-    if compiler == "omc":
+    if compiler == "omc" and elsewhere:
         raise InputError("--platforms: OpenModelica writes for this machine only; expected --compiler embedded")
-    return "embedded"
+    if compiler == "omc":
+        return export_openmodelica(model, out, sources, libraries)
+    try:
+        return export_embedded(model, out, sources, libraries, platforms=wanted, stop=stop)
+    except InputError as refusal:
+        if compiler == "embedded" or elsewhere or shutil.which("omc") is None:
+            raise
+        try:
+            return export_openmodelica(model, out, sources, libraries)
+        except InputError as other:
+            raise InputError(f"{refusal}; and OpenModelica: {other}") from None

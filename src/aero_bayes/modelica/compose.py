@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import cast
@@ -164,8 +163,8 @@ def separate_elements(flat: FlatModel, element: str) -> FlatModel:
 def attribute_value(flat: FlatModel, name: str, attribute: str, values: Mapping[str, float] | None = None) -> float:
     """Return a number of a parameter or variable, with other ``values`` of parameters."""
     known = {v.name: v for v in flat.variables}
-    base, subscripts = _split(name)
-    v = known.get(name) or known.get(base)
+    element = parse_reference(name)
+    v = known.get(name) or known.get(element.name)
     if v is None:
         raise InputError(f"{flat.name}: no variable {name!r}")
     tree = v.value if attribute == "value" else v.attributes.get(attribute)
@@ -174,8 +173,9 @@ def attribute_value(flat: FlatModel, name: str, attribute: str, values: Mapping[
             raise InputError(f"{flat.name}: {name!r} has no {attribute}")
         return _DEFAULTS[attribute]
     found = _evaluated(flat, name, attribute, tree, values or {})
-    for k in subscripts:
-        found = found[k - 1] if isinstance(found, list) else found
+    for k in element.subscripts if v.name != name else ():
+        if isinstance(found, list) and isinstance(k, Number):
+            found = found[int(k.value) - 1]
     items = scalars(found)
     if len(items) != 1 or items[0].op != "const":
         raise InputError(f"{flat.name}: {attribute} of {name!r} is not one number")
@@ -205,11 +205,6 @@ def _evaluated(flat: FlatModel, name: str, attribute: str, tree: Expression, val
 
     need(tree)
     return scope.value(tree)
-
-
-def _split(name: str) -> tuple[str, list[int]]:
-    match = re.fullmatch(r"(.*)\[([\d,]+)\]", name)
-    return (match[1], [int(k) for k in match[2].split(",")]) if match else (name, [])
 
 
 def _tree(value: float | Expression) -> Expression:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 from aero_bayes.errors import InputError
@@ -96,16 +96,22 @@ class EventActions:
             active = b.binary("or", active, b.binary("and", symbol, b.unary("not", self.events.pre(symbol))))
         return active
 
+    def branches(self, s: WhenStatement) -> Iterator[tuple[Node, tuple[Statement, ...]]]:
+        """Yield each branch, and when it is the one that is executed."""
+        b = self.scope.builder
+        taken = b.zero
+        for condition, body in s.branches:
+            edge = self.edge(condition)
+            active = b.binary("and", edge, b.unary("not", taken))
+            taken = b.binary("or", taken, edge)
+            yield active, body
+
     def clause(self, when: When) -> None:
         """Add a when equation with its elsewhen branches."""
         b = self.scope.builder
         self.scope.place = when.place
-        taken = b.zero
         values: dict[Node, Node] = {}
-        for condition, body in when.statement.branches:
-            edge = self.edge(condition)
-            active = b.binary("and", edge, b.unary("not", taken))
-            taken = b.binary("or", taken, edge)
+        for active, body in self.branches(when.statement):
             for s in body:
                 match s:
                     case UnsupportedStatement(what):
@@ -162,11 +168,7 @@ class EventActions:
     def when_statement(self, s: WhenStatement) -> None:
         """Execute a when statement of an algorithm with its elsewhen branches."""
         scope, b = self.scope, self.scope.builder
-        taken = b.zero
-        for condition, body in s.branches:
-            edge = self.edge(condition)
-            active = b.binary("and", edge, b.unary("not", taken))
-            taken = b.binary("or", taken, edge)
+        for active, body in self.branches(s):
             before = dict(scope.values)
             for inner in body:
                 if isinstance(inner, ReinitStatement):

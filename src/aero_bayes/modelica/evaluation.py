@@ -12,7 +12,7 @@ from aero_bayes.modelica import arrays
 from aero_bayes.modelica.arrays import Record, ShapeError, Value, scalars
 from aero_bayes.modelica.expression import Builder, Node
 from aero_bayes.modelica.flat import Function
-from aero_bayes.modelica.operators import Events, Operators, call_table, is_table_function
+from aero_bayes.modelica.operators import EVENT_OPERATORS, Events, Operators, call_table, is_table_function
 from aero_bayes.modelica.parse import BINARY, OPERATORS, RELATIONS, UNARY, SourceLocation
 from aero_bayes.modelica.syntax import (
     Array,
@@ -95,13 +95,29 @@ def _whole(value: Value) -> int:
     return int(value.value)
 
 
-class NameTable:
-    """Values by name, and the records whose fields are variables of their own."""
+MAX_UNROLLED = 10_000
 
-    def __init__(self, values: dict[str, Value], records: Mapping[str, tuple[str, ...]]) -> None:
+
+class Evaluator:
+    """Evaluates syntax trees where names mean ``values``; the fields of ``records`` are variables of their own."""
+
+    def __init__(
+        self,
+        builder: Builder,
+        functions: Mapping[str, Function],
+        values: dict[str, Value],
+        where: str,
+        *,
+        records: Mapping[str, tuple[str, ...]] | None = None,
+    ) -> None:
         self.values = values
-        self.records = records
+        self.records = records or {}
         self._families: dict[str, list[str]] | None = None
+        self.builder = builder
+        self.functions = functions
+        self.where = where
+        self.operators = Operators(builder)
+        self.place: SourceLocation | None = None
 
     def named(self, name: str) -> Value:
         """Return the value of a name: a variable, a record, a field of one, or that field of an array of records."""
@@ -135,30 +151,6 @@ class NameTable:
             self.values[owner] = Record(whole.names, [value if i == at else v for i, v in enumerate(whole)])
             return
         self.values[name] = arrays.replaced(self.values[name], indices, value) if indices else value
-
-
-MAX_UNROLLED = 10_000
-
-
-class Evaluator(NameTable):
-    """Evaluates syntax trees where names mean ``values``."""
-
-    def __init__(
-        self,
-        builder: Builder,
-        functions: Mapping[str, Function],
-        values: dict[str, Value],
-        where: str,
-        *,
-        events: Events | None = None,
-        records: Mapping[str, tuple[str, ...]] | None = None,
-    ) -> None:
-        super().__init__(values, records or {})
-        self.builder = builder
-        self.functions = functions
-        self.where = where
-        self.operators = Operators(builder, events)
-        self.place: SourceLocation | None = None
 
     def call_function(self, function: Function, args: tuple[Expression, ...]) -> Value:
         """Return the result of a function of the model."""
@@ -287,8 +279,12 @@ class Evaluator(NameTable):
 
     def _call(self, function: str, args: tuple[Expression, ...]) -> Value:
         special = self._special(function, args)
-        if special is None:
-            special = self._event_operator(function, args)
+        if special is None and function in EVENT_OPERATORS:
+            given = [self.value(a) for a in args]
+            try:
+                special = self.operators.call(function, given)
+            except LookupError as error:
+                raise self.fail(str(error)) from None
         if special is not None:
             return special
         if is_table_function(function):
@@ -334,32 +330,4 @@ class Evaluator(NameTable):
                 return self.builder.zero
             case "cat", (dimension, *items):
                 return arrays.concatenated([self.value(i) for i in items], self.integer(dimension) - 1)
-        return None
-
-    def _event_operator(self, function: str, args: tuple[Expression, ...]) -> Value | None:
-        """Operators that depend on time or make events."""
-        operators, events = self.operators, self.operators.events
-        match function, args:
-            case "der", (tree,):
-                return operators.der(self.value(tree))
-            case ("pre" | "edge" | "change") as op, (tree,):
-                value = self.value(tree)
-                if events is None:
-                    raise self.fail(f"{op}() outside of equations")
-                try:
-                    return {"pre": operators.pre, "edge": operators.edge, "change": operators.change}[op](value)
-                except LookupError as error:
-                    raise self.fail(str(error)) from None
-            case "initial", ():
-                return events.initial if events is not None else self.builder.zero
-            case "sample", (start, interval):
-                if events is None:
-                    raise self.fail("sample() outside of equations")
-                return events.sample(self.scalar(start), self.scalar(interval))
-            case ("floor" | "ceil" | "integer") as op, (tree,):
-                return operators.rounded(op, self.value(tree))
-            case ("div" | "mod" | "rem") as op, (x, y):
-                return operators.divided(op, self.value(x), self.value(y))
-            case "semiLinear", (x, up, down):
-                return operators.semi_linear(self.scalar(x), self.value(up), self.value(down))
         return None

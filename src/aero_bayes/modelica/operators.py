@@ -97,12 +97,25 @@ class Events:
         return self.new("initial()")
 
 
+#: Operators that depend on time or make events.
+EVENT_OPERATORS = frozenset(
+    {"der", "pre", "edge", "change", "initial", "sample", "floor", "integer", "ceil", "div", "mod", "rem", "semiLinear"}
+)
+
+
+def number_in(value: Value) -> Node:
+    """Return a value that has to be a number."""
+    if not isinstance(value, Node):
+        raise ShapeError("an array where a number is needed")
+    return value
+
+
 class Operators:
     """Applies operators to values."""
 
-    def __init__(self, builder: Builder, events: Events | None) -> None:
+    def __init__(self, builder: Builder) -> None:
         self.builder = builder
-        self.events = events
+        self.events: Events | None = None
         self.derivatives: dict[str, Node] = {}
         self.left_limits: dict[Node, Node] = {}
 
@@ -115,9 +128,40 @@ class Operators:
         events = self.events
         return arrays.elementwise(lambda a, b: events.relation(op, a, b), left, right)
 
-    def der(self, value: Value) -> Value:
-        """Return the time derivative, by the chain rule down to the symbols ``der(x)``."""
-        return arrays.mapped(self._rate, value)
+    def call(self, function: str, args: Sequence[Value]) -> Value | None:
+        """Return the value of one of :data:`EVENT_OPERATORS`, or None where it has other arguments.
+
+        ``der`` goes by the chain rule down to the symbols ``der(x)``; ``pre`` of what is continuous is its left limit.
+        Raises LookupError for what has no value here."""
+        b, apply = self.builder, arrays.elementwise
+        match function, args:
+            case "der", (value,):
+                return arrays.mapped(self._rate, value)
+            case (("pre" | "edge" | "change"), (value,)):
+                if self.events is None:
+                    raise LookupError(f"{function}() outside of equations")
+                before = arrays.mapped(self._pre, value)
+                if function == "pre":
+                    return before
+                if function == "change":
+                    return apply(lambda x, y: b.binary("ne", x, y), value, before)
+                return apply(lambda x, y: b.binary("and", x, b.unary("not", y)), value, before)
+            case "initial", ():
+                return self.events.initial if self.events is not None else b.zero
+            case "sample", (start, interval):
+                if self.events is None:
+                    raise LookupError("sample() outside of equations")
+                return self.events.sample(number_in(start), number_in(interval))
+            case (("floor" | "integer"), (value,)):
+                return arrays.mapped(self._floor, value)
+            case "ceil", (value,):
+                return arrays.mapped(lambda x: b.neg(self._floor(b.neg(x))), value)
+            case (("div" | "mod" | "rem"), (left, right)):
+                return apply(lambda x, y: self._divide(function, x, y), left, right)
+            case "semiLinear", (flow, up, down):
+                positive = scalars(self.relation("ge", number_in(flow), b.zero))[0]
+                return apply(b.mul, arrays.select(b, positive, up, down), number_in(flow))
+        return None
 
     def _rate(self, node: Node) -> Node:
         b = self.builder
@@ -137,10 +181,6 @@ class Operators:
     def _is_piecewise_constant(self, symbol: Node) -> bool:
         return self.events is not None and symbol in self.events.piecewise_constant
 
-    def pre(self, value: Value) -> Value:
-        """Return the value until the event: of a discrete variable ``pre(x)``, of a continuous one its left limit."""
-        return arrays.mapped(self._pre, value)
-
     def _pre(self, node: Node) -> Node:
         if node.name.startswith("pre("):
             return node  # in an algorithm, before it assigns the variable
@@ -152,28 +192,8 @@ class Operators:
             return limit
         raise LookupError("pre() of something that is not a variable")
 
-    def change(self, value: Value) -> Value:
-        """Return whether a discrete variable differs from its value until the event."""
-        return arrays.elementwise(lambda x, y: self.builder.binary("ne", x, y), value, self.pre(value))
-
-    def edge(self, value: Value) -> Value:
-        """Return whether a Boolean variable becomes true in the event."""
-        b = self.builder
-        return arrays.elementwise(lambda x, y: b.binary("and", x, b.unary("not", y)), value, self.pre(value))
-
-    def rounded(self, op: str, value: Value) -> Value:
-        """``floor``, ``ceil`` or ``integer`` of numbers."""
-        b = self.builder
-        if op == "ceil":
-            return arrays.mapped(lambda x: b.neg(self._floor(b.neg(x))), value)
-        return arrays.mapped(self._floor, value)
-
     def _floor(self, x: Node) -> Node:
         return self.builder.unary("floor", x) if self.events is None else self.events.floor(x)
-
-    def divided(self, op: str, left: Value, right: Value) -> Value:
-        """``div``, ``mod`` or ``rem`` of numbers."""
-        return arrays.elementwise(lambda x, y: self._divide(op, x, y), left, right)
 
     def _divide(self, op: str, x: Node, y: Node) -> Node:
         b = self.builder
@@ -184,12 +204,6 @@ class Operators:
         down, up = self._floor(ratio), b.neg(self._floor(b.neg(ratio)))
         whole = b.select(sign, down, up) if isinstance(sign, Node) else down
         return whole if op == "div" else b.sub(x, b.mul(whole, y))
-
-    def semi_linear(self, flow: Node, up: Value, down: Value) -> Value:
-        """``flow`` times ``up`` where it is not negative, else times ``down``."""
-        b = self.builder
-        positive = scalars(self.relation("ge", flow, b.zero))[0]
-        return arrays.elementwise(b.mul, arrays.select(b, positive, up, down), flow)
 
 
 _TYPES = "Modelica.Blocks.Types."

@@ -146,20 +146,11 @@ def without_indices(name: str) -> str:
     return re.sub(r"\[[^\]]*\]", "", name)
 
 
+_OF_MATH = (
+    "sqrt", "exp", "log", "log10", "sin", "cos", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh",
+)  # fmt: skip
 UNARY: dict[str, Callable[[float], float]] = {
-    "sqrt": math.sqrt,
-    "exp": math.exp,
-    "log": math.log,
-    "log10": math.log10,
-    "sin": math.sin,
-    "cos": math.cos,
-    "tan": math.tan,
-    "asin": math.asin,
-    "acos": math.acos,
-    "atan": math.atan,
-    "sinh": math.sinh,
-    "cosh": math.cosh,
-    "tanh": math.tanh,
+    **{name: getattr(math, name) for name in _OF_MATH},
     "abs": abs,
     "sign": lambda x: float((x > 0) - (x < 0)),
     "neg": lambda x: -x,

@@ -1,7 +1,4 @@
-"""Reads rumoca's structured flat model (``Model.to_json("flat")``) into :class:`~aero_bayes.modelica.flat.FlatModel`.
-
-Every kind of node that occurs is either read or named in an :class:`InputError`; nothing is skipped.
-"""
+"""Reads rumoca's flat model (``Model.to_json("flat")``) into :class:`~aero_bayes.modelica.flat.FlatModel`."""
 
 from __future__ import annotations
 
@@ -37,9 +34,16 @@ _BINARY = {
     "And": "and", "Or": "or",
 }  # fmt: skip
 _UNARY = {"Minus": "neg", "DotMinus": "neg", "Not": "not"}
+_VARIABILITY: dict[str, Variability] = {"Parameter": "parameter", "Constant": "constant", "Discrete": "discrete"}
+_CAUSALITY: dict[str, Causality] = {"Input": "input", "Output": "output"}
 
 
-class TreeReader:
+def read_structured(name: str, flat: Json, files: Mapping[str, Sequence[str]]) -> FlatModel:
+    """Return the flat model of rumoca's document."""
+    return _FlatModelReader(name, flat, files).model()
+
+
+class _FlatModelReader:
     """Turns nodes into trees; ``here`` is the place that messages name.
 
     Every kind of node that occurs is either read or named in an :class:`InputError`; nothing is skipped."""
@@ -241,30 +245,6 @@ class TreeReader:
             return syntax.Number(float(self.enumerations[name]))
         return syntax.Name(name, subscripts)
 
-
-def message_of(tree: Json) -> str:
-    """Return the literal parts of a message; what is computed in it is left out."""
-    if "Literal" in tree:
-        return str(tree["Literal"]["value"].get("String", ""))
-    if "Binary" in tree:
-        return f"{message_of(tree['Binary']['lhs'])}...{message_of(tree['Binary']['rhs'])}".replace("......", "...")
-    return ""
-
-
-def _ident(ident: Any) -> str:
-    return str(ident["text"]) if isinstance(ident, dict) else str(ident)
-
-
-_VARIABILITY: dict[str, Variability] = {"Parameter": "parameter", "Constant": "constant", "Discrete": "discrete"}
-_CAUSALITY: dict[str, Causality] = {"Input": "input", "Output": "output"}
-
-
-def read_structured(name: str, flat: Json, files: Mapping[str, Sequence[str]]) -> FlatModel:
-    """Return the flat model of rumoca's document."""
-    return _FlatModelReader(name, flat, files).model()
-
-
-class _FlatModelReader(TreeReader):
     # the model
 
     def model(self) -> FlatModel:
@@ -432,6 +412,19 @@ class _FlatModelReader(TreeReader):
             bool(f.get("is_constructor")),
             str(external["function_name"] or f["name"]) if external else "",
         )
+
+
+def message_of(tree: Json) -> str:
+    """Return the literal parts of a message; what is computed in it is left out."""
+    if "Literal" in tree:
+        return str(tree["Literal"]["value"].get("String", ""))
+    if "Binary" in tree:
+        return f"{message_of(tree['Binary']['lhs'])}...{message_of(tree['Binary']['rhs'])}".replace("......", "...")
+    return ""
+
+
+def _ident(ident: Any) -> str:
+    return str(ident["text"]) if isinstance(ident, dict) else str(ident)
 
 
 def _word(tagged: Any) -> str:

@@ -133,37 +133,39 @@ def _derivatives(text: str) -> Iterator[tuple[Token, str]]:
             yield token, text[tokens[at + 1].end : tokens[end].start].strip()
 
 
+def _unread(message: str, text: str) -> Iterator[tuple[Token, str]]:
+    """Where a source may have the construct that rumoca does not read, and what to write instead of it."""
+    if "initial algorithm" in message:
+        for token, _ in _sections(text):
+            if text[: token.start].rstrip().endswith("initial"):
+                yield token, "an initial algorithm is not read; write its starts as an initial equation"
+    elif "expandable connector" in message:
+        for token in _tokens(text):
+            if token.word == "expandable":
+                yield token, "a connection adds no member to an expandable connector; declare its members in it"
+    elif "model algorithm" in message:
+        quoted = re.search(r"read of `([^`]+)`", message)
+        what = "an algorithm section that assigns a variable twice, or has a loop, is not read"
+        for token, body in _sections(text):
+            if quoted is None or re.search(rf"\b{re.escape(quoted[1])}\s*:=", body):
+                yield token, f"{what}; put it into a function and call that"
+    elif "der(...)" in message:
+        span = re.search(r"BytePos\((\d+)\)", message)
+        begin = len(text.encode()[: int(span[1])].decode(errors="replace")) if span is not None else None
+        for token, of in _derivatives(text):
+            if token.start == begin:
+                yield token, f"the derivative of {of!r} is not known, since it is no state; make it an input of its own"
+            elif begin is None and not re.fullmatch(r"[\w.\[\], ]+", of):
+                what = f"the derivative of an expression is not read; declare a variable z = {of}, and write der(z)"
+                yield token, what
+
+
 def explain(message: str, model: str, root: Path) -> str:
     """Return what to write instead of a construct that rumoca does not read, with ``file:line``, else the message."""
-    span = re.search(r"BytePos\((\d+)\)", message)
-    quoted = re.search(r"read of `([^`]+)`", message)
     for path in _likely(model, root):
         text = path.read_text(encoding="utf-8", errors="replace")
-        place = f"{path.relative_to(root)}:"
-        if "initial algorithm" in message:
-            for token, _ in _sections(text):
-                if text[: token.start].rstrip().endswith("initial"):
-                    what = "an initial algorithm is not read; write its starts as an initial equation"
-                    return f"{place}{line_of(text, token.start)}: {what}"
-        elif "expandable connector" in message:
-            for token in _tokens(text):
-                if token.word == "expandable":
-                    what = "a connection adds no member to an expandable connector; declare its members in it"
-                    return f"{place}{line_of(text, token.start)}: {what}"
-        elif "model algorithm" in message:
-            for token, body in _sections(text):
-                if quoted is None or re.search(rf"\b{re.escape(quoted[1])}\s*:=", body):
-                    what = "an algorithm section that assigns a variable twice, or has a loop, is not read"
-                    return f"{place}{line_of(text, token.start)}: {what}; put it into a function and call that"
-        elif "der(...)" in message:
-            begin = len(text.encode()[: int(span[1])].decode(errors="replace")) if span is not None else None
-            for token, of in _derivatives(text):
-                if token.start == begin:
-                    what = f"the derivative of {of!r} is not known, since it is no state; make it an input of its own"
-                    return f"{place}{line_of(text, token.start)}: {what}"
-                if begin is None and not re.fullmatch(r"[\w.\[\], ]+", of):
-                    what = f"the derivative of an expression is not read; declare a variable z = {of}, and write der(z)"
-                    return f"{place}{line_of(text, token.start)}: {what}"
+        for token, what in _unread(message, text):
+            return f"{path.relative_to(root)}:{line_of(text, token.start)}: {what}"
     return message
 
 

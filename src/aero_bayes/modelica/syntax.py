@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
 
@@ -340,23 +340,12 @@ def map_names(tree: Expression, change: Callable[[Name], Expression]) -> Express
 def map_names_in_statement(s: Statement, change: Callable[[Name], Expression]) -> Statement:
     """Return a copy of a statement: expressions by ``change``, what is assigned as it is."""
 
-    def body(inner: tuple[Statement, ...]) -> tuple[Statement, ...]:
-        return tuple(map_names_in_statement(i, change) for i in inner)
+    def changed(part: Any) -> Any:
+        if isinstance(part, tuple):
+            return tuple(map(changed, part))
+        if isinstance(part, Statement):
+            return map_names_in_statement(part, change)
+        return map_names(part, change) if isinstance(part, Expression) else part
 
-    match s:
-        case Assign(targets, value):
-            return Assign(targets, map_names(value, change))
-        case IfStatement(branches, otherwise):
-            return IfStatement(tuple((map_names(c, change), body(b)) for c, b in branches), body(otherwise))
-        case ForStatement(variable, values, inner):
-            return ForStatement(variable, map_names(values, change), body(inner))
-        case WhileStatement(condition, inner):
-            return WhileStatement(map_names(condition, change), body(inner))
-        case WhenStatement(branches):
-            return WhenStatement(tuple((map_names(c, change), body(b)) for c, b in branches))
-        case ReinitStatement(state, value):
-            return ReinitStatement(state, map_names(value, change))
-        case AssertStatement(condition, message):
-            return AssertStatement(map_names(condition, change), message)
-        case UnsupportedStatement():
-            return s
+    assigned = {ReinitStatement: "state", Assign: "targets"}.get(type(s))
+    return replace(s, **{f.name: changed(getattr(s, f.name)) for f in fields(s) if f.name != assigned})

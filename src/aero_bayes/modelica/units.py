@@ -5,47 +5,22 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable, Mapping, Sequence
+from functools import cache
 
 from aero_bayes.modelica.parse import OPERATORS
 from aero_bayes.modelica.syntax import DIVIDES, Call, Expression, Name, Number, factors, short_text, summands
 
 BASE = ("kg", "m", "s", "A", "K", "mol", "cd", "rad")
 
-_DERIVED: dict[str, tuple[float, dict[str, int]]] = {
-    "1": (1.0, {}),
-    "%": (1e-2, {}),
-    "g": (1e-3, {"kg": 1}),
-    "m": (1.0, {"m": 1}),
-    "s": (1.0, {"s": 1}),
-    "A": (1.0, {"A": 1}),
-    "K": (1.0, {"K": 1}),
-    "mol": (1.0, {"mol": 1}),
-    "cd": (1.0, {"cd": 1}),
-    "rad": (1.0, {"rad": 1}),
-    "sr": (1.0, {"rad": 2}),
-    "Hz": (1.0, {"s": -1}),
-    "N": (1.0, {"kg": 1, "m": 1, "s": -2}),
-    "Pa": (1.0, {"kg": 1, "m": -1, "s": -2}),
-    "J": (1.0, {"kg": 1, "m": 2, "s": -2}),
-    "W": (1.0, {"kg": 1, "m": 2, "s": -3}),
-    "C": (1.0, {"A": 1, "s": 1}),
-    "V": (1.0, {"kg": 1, "m": 2, "s": -3, "A": -1}),
-    "F": (1.0, {"kg": -1, "m": -2, "s": 4, "A": 2}),
-    "Ohm": (1.0, {"kg": 1, "m": 2, "s": -3, "A": -2}),
-    "S": (1.0, {"kg": -1, "m": -2, "s": 3, "A": 2}),
-    "Wb": (1.0, {"kg": 1, "m": 2, "s": -2, "A": -1}),
-    "T": (1.0, {"kg": 1, "s": -2, "A": -1}),
-    "H": (1.0, {"kg": 1, "m": 2, "s": -2, "A": -2}),
-    "deg": (0.017453292519943295, {"rad": 1}),
-    "rev": (6.283185307179586, {"rad": 1}),
-    "min": (60.0, {"s": 1}),
-    "h": (3600.0, {"s": 1}),
-    "l": (1e-3, {"m": 3}),
-    "bar": (1e5, {"kg": 1, "m": -1, "s": -2}),
-    "atm": (101325.0, {"kg": 1, "m": -1, "s": -2}),
-    "psi": (6894.757293168361, {"kg": 1, "m": -1, "s": -2}),
-    "rpm": (0.10471975511965977, {"rad": 1, "s": -1}),
-}
+#: Other units: how many of which one they are.
+_DERIVED: dict[str, tuple[float, str]] = {
+    "%": (1e-2, "1"), "g": (1e-3, "kg"), "sr": (1.0, "rad2"), "Hz": (1.0, "1/s"), "N": (1.0, "kg.m/s2"),
+    "Pa": (1.0, "N/m2"), "J": (1.0, "N.m"), "W": (1.0, "J/s"), "C": (1.0, "A.s"), "V": (1.0, "W/A"), "F": (1.0, "C/V"),
+    "Ohm": (1.0, "V/A"), "S": (1.0, "A/V"), "Wb": (1.0, "V.s"), "T": (1.0, "Wb/m2"), "H": (1.0, "Wb/A"),
+    "deg": (0.017453292519943295, "rad"), "rev": (6.283185307179586, "rad"), "min": (60.0, "s"), "h": (3600.0, "s"),
+    "l": (1e-3, "m3"), "bar": (1e5, "Pa"), "atm": (101325.0, "Pa"), "psi": (6894.757293168361, "Pa"),
+    "rpm": (0.10471975511965977, "rad/s"),
+}  # fmt: skip
 #: Temperatures: their zero and their degree, both in K.
 TEMPERATURES = {"K": (0.0, 1.0), "degC": (273.15, 1.0), "degF": (459.67 / 1.8, 1.0 / 1.8)}
 #: Standard gravity, in m/s2.
@@ -100,13 +75,17 @@ def symbols_of(unit: str) -> list[tuple[str, int]]:
     return found
 
 
+@cache
 def _symbol(name: str) -> tuple[float, dict[str, int]] | None:
+    if name == "1" or name in BASE:
+        return 1.0, {} if name == "1" else {name: 1}
     if name in _DERIVED:
-        return _DERIVED[name]
-    if len(name) > 1 and name[0] in _PREFIX and name[1:] in _DERIVED and name[1:] not in ("1", "%"):
-        factor, exponents = _DERIVED[name[1:]]
-        return factor * _PREFIX[name[0]], exponents
-    return None
+        factor, by = _DERIVED[name]
+        known = base_units(by)
+        return None if known is None else (factor * known[0], known[1])
+    prefixed = len(name) > 1 and name[0] in _PREFIX and name[1:] not in ("1", "%", "kg")
+    known = _symbol(name[1:]) if prefixed and (name[1:] in BASE or name[1:] in _DERIVED) else None
+    return None if known is None else (known[0] * _PREFIX[name[0]], known[1])
 
 
 def is_unit(unit: str) -> bool:
