@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-from math import exp
-
 import numpy as np
 import pytest
 from export_driver import driven
 
-from aero_bayes.errors import InputError
 from aero_bayes.modelica.compilers import export_fmu
 
 SOURCE = """within ;
@@ -144,22 +141,3 @@ end Geared;
         rates = dict(zip(fmu.states, fmu.rhs(np.array([at[s] for s in fmu.states])), strict=True))
         # (J_2 + r^2 J_1) dw_2 = -d w_2
         assert rates[speed] / slow[speed] == pytest.approx(-0.2 * 2.0 / (0.5 + 9 * 0.1))
-
-
-REFUSED = [
-    ('  y = 1; z = 2;\n  when x < 0.1 then terminate("done"); end when;\n', r"^Bad\.mo:\d+: .*terminate"),
-    ("  x ^ 2 + y ^ 2 = 1;\n  der(y) = z;\n", "dynamic state selection|equations"),
-    ("  y = foo(x);\n", r"Bad\.mo:\d+: .*'foo'"),
-    ("  y = String(x) + 1;\n", r"Bad"),
-    ("  0 = x ^ 2 + y ^ 2 - 1;\n  der(y) = z;\n  der(z) = -y;\n", r"Bad"),
-]
-
-
-@pytest.mark.parametrize(("lines", "message"), REFUSED)
-def test_what_is_not_translated_is_one_line(lines, message, modelica, tmp_path):
-    head = f"within ;\nmodel Bad\n  Real x(start = {exp(-1)}, fixed = true);\n  Real y, z;\nequation\n  der(x) = -x;\n"
-    text = f"{head}{lines}end Bad;\n"
-    with pytest.raises(InputError, match=message) as caught:
-        export_fmu("Bad", tmp_path / "b.fmu", compiler="embedded", sources=[modelica(text)])
-    assert "\n" not in str(caught.value)
-    assert not (tmp_path / "b.fmu").exists()

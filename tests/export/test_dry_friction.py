@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
 import aero_bayes
-from aero_bayes.data import Layout, Recording
+from aero_bayes.data import Layout
 from aero_bayes.modelica.causalisation import causalise
 from aero_bayes.modelica.compilers import export_fmu
 from aero_bayes.modelica.equation_system import translate
@@ -139,17 +139,6 @@ def test_pulled_and_resting_in_turns(friction, modelica):
         above, below = (stick_slip(time, force, *(np.array([K, F_C, 0.0]) + d)) for d in (change, -change))
         slope = (above - below) / (2.0 * step)
         np.testing.assert_allclose(found.sensitivities[0][0, :, 0, column], slope, atol=1e-3 * np.max(np.abs(slope)))
-
-
-def test_one_master_that_holds_the_force(modelica):
-    time, force = pulls()
-    signal = np.array(list(zip(time, force, strict=True)), dtype=[("time", float), ("F", float)])
-    path = sledge(modelica, start=0.0)
-    found = fmpy.simulate_fmu(
-        str(path), fmi_type="CoSimulation", input=signal, output=["s"], stop_time=2.0, output_interval=time[1],
-        relative_tolerance=1e-8,
-    )  # fmt: skip
-    np.testing.assert_allclose(found["s"], stick_slip(found["time"], force, K, F_C), atol=1e-6)
 
 
 TWO = """model Two "A block on a sledge: friction between them, and between sledge and ground"
@@ -294,19 +283,6 @@ def test_only_what_can_slide_is_watched(equation, surfaces, modelica):
     )
     found = find_surfaces(causalise(translate(load_flat("Watched", [source]))))
     assert len(found.surfaces) == surfaces
-
-
-@pytest.mark.parametrize("friction", [SIGN, BRANCH])
-def test_friction_and_stiffness_of_a_short_recording(friction, modelica, rng):
-    time, force = pulls()
-    force[:3] = 0.0  # at rest before it begins
-    readings = stick_slip(time, force, K, F_C) + rng.normal(0.0, 2e-4, time.size)
-    recording = Recording("pulled", time, {"F": force}, {"s": readings}, {"time": "s"})
-    model = aero_bayes.load_model(sledge(modelica, friction, start=0.0))
-    found = aero_bayes.fit(recording, model, parameters={"k": (5.0, 500.0), "F_c": (0.01, 5.0)})
-    for name, true in (("k", K), ("F_c", F_C)):
-        assert abs(found[name].value - true) < 5.0 * found[name].sd
-    assert found["F_c"].sd < 0.02
 
 
 SHARED = Path(__file__).resolve().parents[3] / "shared" / "cases" / "09_sign_friction"

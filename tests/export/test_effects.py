@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
-from math import cos, sqrt, tanh
+from collections.abc import Mapping
+from math import cos, exp, sqrt, tanh
 
 import numpy as np
 import pytest
 from export_driver import driven
 from fmpy.validation import validate_fmu
 from hand_written_aero import NOMINAL, SCALES
-from written_effects import placed_effects
+from written_effects import placed_effects, write_effects
 
+from aero_bayes.errors import InputError
 from aero_bayes.laws.law_places import LawPlaces
+from aero_bayes.loop.modelica_family import ModelicaFamily
+from aero_bayes.modelica.embedded import explicit_model
 from aero_bayes.modelica.library import declaration_of
 
 EFFECTS = declaration_of("Aero.Systems.OneDof").effects
@@ -24,8 +28,15 @@ ON = {
     "speed_lag": 0.04, "pitch_delay": 0.03, "pitch_offset": -0.015, "pivot_presliding_friction": 9e-4,
 }  # fmt: skip
 OF = {p.id: p for p in placed_effects("Aero.Systems.OneDof", EFFECTS)}
-#: The name of the first parameter of each effect in a model with all of them.
-NAMES = {id_: p.names[p.law.magnitude.name] for id_, p in OF.items()}
+#: Heights of each learned curve, by the size of the first.
+CURVES = {
+    id_: [size * h for h in (0.3, -0.7, 1.0, 0.2, -0.5, 0.9, 0.1, 0.6, -0.4)[: len(OF[id_].law.parameters)]]
+    for id_, size in (
+        ("electrical_curve@electrical", 1.0), ("rotor_curve@rotor", 1e-3), ("thrust_curve@thrust", 0.02),
+        ("body_angle_curve@body", 1e-3), ("body_rate_curve@body", 1e-3),
+    )
+}  # fmt: skip
+Effects = Mapping[str, float | list[float]]
 PATHS = {"i_m": "thruster_1.motor.inductor.i", "omega_m": "thruster_1.motor.rotor.w", "theta": "body.theta"}
 
 
@@ -54,9 +65,16 @@ def time_in_use(given: float, least: float) -> float:
     return (given**4 + least**4) ** 0.25 if given > 0.0 else 1e6
 
 
-def with_effects(x: dict[str, float], v: float, on: dict[str, float]) -> tuple[dict[str, float], dict[str, float]]:
+def with_effects(x: dict[str, float], v: float, on: Effects) -> tuple[dict[str, float], dict[str, float]]:
     """Rates and outputs of OneDof with the effects of ``on``, by hand and in the smooth forms that are documented."""
     e = dict.fromkeys(ON, 0.0) | on
+
+    def curve(id_: str, over: float) -> float:
+        """Gaussian bumps at equal distances from -1 to 1, as wide as these, over a largest value of one."""
+        heights = on.get(id_, [0.0, 0.0])
+        step = 2.0 / (len(heights) - 1)
+        return sum(h * exp(-0.5 * ((over + 1.0) / step - k) ** 2) for k, h in enumerate(heights))
+
     p = NOMINAL
     rate, theta = x["body.omega"], state_of(x, "body.theta")
     rates: dict[str, float] = {}
@@ -70,11 +88,14 @@ def with_effects(x: dict[str, float], v: float, on: dict[str, float]) -> tuple[d
         s, knee = e["amplifier_saturation"], 1e-3
         u *= 2 * sqrt(1 + knee**2) / (sqrt((1 + s * u) ** 2 + knee**2) + sqrt((1 - s * u) ** 2 + knee**2))
         u -= e["supply_resistance"] * i + e["brush_drop"] * tanh(i / 2e-5) + e["winding_heating"] * heat * i
+        u -= curve("electrical_curve@electrical", i)
         rates[own("winding_heating", "s", k)] = (i * i - heat) / 10.0
         rates[f"thruster_{k}.motor.inductor.i"] = (u - p["R_a"] * i - p["c_m"] * w) / p["L_a"]
         brake = p["k_d"] * w * abs(w) + e["rotor_coulomb_friction"] * tanh(w / 2e-5) + e["rotor_viscous_friction"] * w
+        brake += curve("rotor_curve@rotor", w)
         rates[f"thruster_{k}.motor.rotor.w"] = (p["c_m"] * i - brake) / (p["J_r"] + p["J_s"])
-        f = side * p["k_t"] * w * abs(w) - e["thrust_inflow_loss"] * abs(w) * p["D_t"] * rate
+        f = side * p["k_t"] * w * abs(w)
+        f += curve("thrust_curve@thrust", f) - e["thrust_inflow_loss"] * abs(w) * p["D_t"] * rate
         t = time_in_use(e["thrust_lag"], 1e-3)
         rates[own("thrust_lag", "z", k)] = (f - late) / t
         f -= e["thrust_lag"] / t * (f - late)
@@ -85,6 +106,7 @@ def with_effects(x: dict[str, float], v: float, on: dict[str, float]) -> tuple[d
     torque -= e["pivot_presliding_friction"] * bend
     rates[own("pivot_presliding_friction", "z")] = (rate - sqrt(rate**2 + 5e-5**2) * bend) / 6e-4
     torque -= e["body_quadratic_drag"] * rate * abs(rate) + e["cubic_stiffness"] * theta**3
+    torque -= curve("body_angle_curve@body", theta) + curve("body_rate_curve@body", rate)
     rates["body.theta"] = rate
     rates["body.omega"] = (torque - p["D_p"] * rate - p["K_sp"] * theta) / p["J_p"]
     t, q = time_in_use(e["speed_lag"], 1e-3), x[own("speed_lag", "q")]
@@ -106,26 +128,31 @@ def test_each_effect_is_a_law_of_the_library_or_one_of_three_of_its_own():
     own_laws = {c.law.model for c in OF.values() if c.law.model.startswith("Aero.")}
     assert own_laws == {"Aero.Effects.ThrustAsymmetry", "Aero.Effects.ThrustInflowLoss", "Aero.Effects.GravityOffset"}
     assert set(ON) == {id_ for id_, p in OF.items() if not p.law.curve_input}
+    assert set(CURVES) == {id_ for id_, p in OF.items() if p.law.curve_input}
     assert {c.id for c in LawPlaces("Aero.Systems.HalfQuad").candidates} == set(OF)
 
 
 def test_the_screening_model_is_a_valid_fmu(screening_fmu):
     assert validate_fmu(str(screening_fmu)) == []
     with driven(screening_fmu) as fmu:
-        assert all(fmu.starts[NAMES[id_]] == 0.0 for id_ in ON)
+        assert all(fmu.starts[p.names[p.law.magnitude.name]] == 0.0 for p in OF.values())
 
 
 @pytest.mark.parametrize(
-    "on", [{}, *({n: v} for n, v in ON.items()), ON], ids=lambda c: "_".join(c) or "none" if len(c) < 4 else "all"
+    "on", [{}, *({n: v} for n, v in {**ON, **CURVES}.items()), ON], ids=lambda on: "all" if on is ON else "_".join(on)
 )
 def test_an_effect_follows_its_formula(screening_fmu, on):
     rng = np.random.default_rng(4)
     with driven(screening_fmu) as fmu:
         fmu.begin()
-        fmu.set_all({NAMES[id_]: value for id_, value in on.items()})
+        for id_, value in on.items():
+            names = [OF[id_].names[q.name] for q in OF[id_].law.parameters]
+            fmu.set_all(dict(zip(names, value if isinstance(value, list) else [value], strict=False)))
         changed = not on
         for _ in range(8):
             x = draw(rng, fmu.states)
+            if "rotor_curve@rotor" in on:
+                x |= {s: value / 300.0 for s, value in x.items() if s.endswith((".rotor.w", "omega_m"))}
             v = float(rng.uniform(-24, 24))
             fmu.set(V_m=v)
             expected, outputs = with_effects(x, v, on)
@@ -136,3 +163,24 @@ def test_an_effect_follows_its_formula(screening_fmu, on):
             np.testing.assert_allclose(rates, wanted, rtol=1e-11, atol=1e-12 * np.abs(wanted).max())
             np.testing.assert_allclose(fmu.get(*outputs), list(outputs.values()), rtol=1e-13, atol=1e-15)
         assert changed
+
+
+def test_base_with_one_motor(tmp_path):
+    written = write_effects("Aero.Systems.HalfQuadLinear", {"supply_resistance": {}}, tmp_path)
+    assert "thruster_2" not in written.text
+    assert len(explicit_model(written.name, [written.path]).states) == 4
+
+
+def test_effects_that_a_package_names_must_be_there(tmp_path):
+    package = tmp_path / "Bench"
+    package.mkdir()
+    (package / "package.mo").write_text(
+        "package Bench\n  model Rig\n    extends Aero.Systems.HalfQuad;\n  end Rig;\nend Bench;\n", encoding="utf-8"
+    )
+    law = 'systems = ["Rig"]\n[effects.rubbing]\nlaw = "coulomb_frictoin@body.flange"\n'
+    (package / "package.toml").write_text(law, encoding="utf-8")
+    family = ModelicaFamily(LawPlaces("Bench.Rig", (package,)), tmp_path)
+    with pytest.raises(InputError, match=r"Bench: effects.rubbing.law: .*did you mean 'coulomb_friction@body.flange"):
+        family.places.check()
+    (package / "package.toml").write_text(law.replace("toi", "tio"), encoding="utf-8")
+    assert [c.id for c in LawPlaces("Bench.Rig", (package,)).candidates] == ["rubbing"]
