@@ -117,21 +117,12 @@ def test_aero_trajectories_and_sensitivities(aero_problem, here):
     compare(problem, values, here, active=[0, 1, 2, 3, 5])
 
 
-def test_aero_likelihood_and_products(aero_problem, here):
+def test_aero_likelihood(aero_problem, here):
     problem, values = aero_problem
     noise = np.array([[[0.1, 0.2, 0.05], [0.3, 0.0, 0.0], [0.2, 1.0, 0.01]]])
-    active = [0, 2, 3, 5]
     with open_simulator(problem, pool=here) as native, open_simulator(problem, "fmpy") as reference:
-        a, b = (s.gauss_newton(values, noise, active=active) for s in (native, reference))
-        c, d = (s.log_likelihood(values, noise).log_likelihood for s in (native, reference))
-    np.testing.assert_allclose(c, d, rtol=1e-6)
-    np.testing.assert_allclose(a.log_likelihood, b.log_likelihood, rtol=1e-6)
-    np.testing.assert_allclose(a.log_likelihood, c.sum(axis=1), rtol=1e-6)
-    scale = np.sqrt(np.diag(b.hessian[0]))
-    # Along straight lines both solvers are at their tolerance at every reading.
-    share = 2e-3 if problem.experiments[0].inputs[0].interpolation == "linear" else 1e-3
-    np.testing.assert_allclose(a.gradient[0] / scale, b.gradient[0] / scale, atol=share * np.sqrt(2 * b.cost[0]) ** 0.5)
-    np.testing.assert_allclose(a.hessian[0] / np.outer(scale, scale), b.hessian[0] / np.outer(scale, scale), atol=1e-4)
+        found, expected = (s.log_likelihood(values, noise).log_likelihood for s in (native, reference))
+    np.testing.assert_allclose(found, expected, rtol=1e-6)
 
 
 def test_aero_within_a_hundred_thousandth_of_the_range(aero, here):

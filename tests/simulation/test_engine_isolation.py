@@ -81,11 +81,8 @@ def test_trouble_in_the_reduced_calls(test_fmu, pool):
     noise = np.array([0.1, 0.0, 0.0])
     with NativeSimulator(trouble(test_fmu), pool=pool) as simulator:
         likelihood = simulator.log_likelihood(values, noise)
-        products = simulator.gauss_newton(values, noise, active=[])
     assert list(likelihood.outcomes[:, 0]) == [Outcome.OK, Outcome.CRASHED, Outcome.NOT_FINITE, Outcome.OK]
     assert np.array_equal(np.isneginf(likelihood.log_likelihood[:, 0]), [False, True, True, False])
-    assert np.array_equal(np.isneginf(products.log_likelihood), [False, True, True, False])
-    assert np.array_equal(np.isinf(products.cost), [False, True, True, False])
 
 
 def test_not_finite_values_are_not_run(test_fmu, here):
@@ -107,10 +104,10 @@ def test_results_do_not_depend_on_workers(test_fmu, pool, here, drive):
     with WorkerPool(2) as two:
         for workers in (here, pool, two):
             with NativeSimulator(problem, pool=workers) as simulator:
-                products = simulator.gauss_newton(values, noise, active=[1, 0])
                 likelihood = simulator.log_likelihood(values, noise).log_likelihood
                 one_by_one = [simulator.log_likelihood(values[i : i + 1], noise[i : i + 1]) for i in range(5)]
-                found.append((products.hessian, products.gradient, likelihood, simulator.simulate(values).outputs[1]))
+                run = simulator.simulate(values, active=[1, 0])
+                found.append((*run.sensitivities, likelihood, run.outputs[1]))
                 np.testing.assert_array_equal(likelihood[:5], np.concatenate([o.log_likelihood for o in one_by_one]))
     for other in found[1:]:
         for a, b in zip(found[0], other, strict=True):

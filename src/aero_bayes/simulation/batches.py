@@ -19,8 +19,7 @@ from aero_bayes.simulation.worker_main import JOB_WORDS
 from aero_bayes.simulation.workers import TODO, WorkerPool
 
 #: What a batch computes; the numbers of ``MODE_...`` in native/engine.h.
-TRAJECTORY, LIKELIHOOD, GAUSS_NEWTON = 0, 1, 2
-FILTER, FILTER_LIKELIHOOD, FILTER_STATES = 3, 4, 5
+TRAJECTORY, LIKELIHOOD, FILTER, FILTER_LIKELIHOOD, FILTER_STATES = range(5)
 BLOCK_BYTES = 32 << 20
 MAX_ROWS = 16384
 
@@ -128,7 +127,7 @@ class Batches:
         mode, n, q, varies, noise_size = key
         problem = self.problem
         experiments = len(problem.experiments)
-        stride = {LIKELIHOOD: 1, FILTER_LIKELIHOOD: 1, GAUSS_NEWTON: 2 + q + q * q}.get(mode, 0)
+        stride = 1 if mode in (LIKELIHOOD, FILTER_LIKELIHOOD) else 0
         shapes = self._shapes(mode)
         header = len(JOB_WORDS) + 4 * experiments
         sizes = [header, n * p, noise_size, q, (n * experiments + 7) // 8, n * experiments]

@@ -48,24 +48,17 @@ def apply_inverse_covariance(time: FloatArray, noise: FloatArray, columns: Float
     return weighed, 2.0 * float(np.sum(np.log(factor[0]))) - log_det
 
 
-def gauss_newton_products(
-    time: FloatArray, measured: FloatArray, output: FloatArray, sensitivity: FloatArray, noise: FloatArray
-) -> tuple[float, FloatArray, FloatArray, float]:
-    """Cost, gradient, Gauss-Newton matrix and log-likelihood of one experiment."""
-    q = sensitivity.shape[2]
-    cost, log_likelihood, gradient, hessian = 0.0, 0.0, np.zeros(q), np.zeros((q, q))
+def reading_log_likelihood(time: FloatArray, measured: FloatArray, output: FloatArray, noise: FloatArray) -> float:
+    """Log-likelihood of the readings (n, m) of one experiment, NaN where there is none."""
+    total = 0.0
     for index in range(measured.shape[1]):
         seen = ~np.isnan(measured[:, index])
-        if not seen.any():
-            continue
-        residual = output[seen, index] - measured[seen, index]
-        slopes = sensitivity[seen, index]
-        weighed, log_det = apply_inverse_covariance(time[seen], noise[index], np.column_stack([residual, slopes]))
-        cost += 0.5 * float(residual @ weighed[:, 0])
-        gradient += slopes.T @ weighed[:, 0]
-        hessian += slopes.T @ weighed[:, 1:]
-        log_likelihood -= 0.5 * (log_det + residual.size * float(np.log(2.0 * np.pi)))
-    return cost, gradient, hessian, log_likelihood - cost
+        if seen.any():
+            residual = output[seen, index] - measured[seen, index]
+            weighed, log_det = apply_inverse_covariance(time[seen], noise[index], residual[:, None])
+            square = float(residual @ weighed[:, 0])
+            total -= 0.5 * (square + log_det + residual.size * float(np.log(2.0 * np.pi)))
+    return total
 
 
 Interpolation = Literal["hold", "linear"]
@@ -249,20 +242,6 @@ class Likelihoods:
 
 
 @dataclass(frozen=True)
-class GaussNewton:
-    """Whitened least-squares products of a batch, summed over the experiments.
-
-    With r the whitened residual and S its sensitivities: ``cost`` = r'r / 2, shape (n,); ``gradient`` = S'r, shape
-    (n, q); ``hessian`` = S'S, shape (n, q, q); ``log_likelihood`` shape (n,) with the noise's log-determinant."""
-
-    cost: FloatArray
-    gradient: FloatArray
-    hessian: FloatArray
-    log_likelihood: FloatArray
-    outcomes: NDArray[np.uint8]
-
-
-@dataclass(frozen=True)
 class Filtered:
     """What a filter predicts of each reading from all before it, and how far it trusts that.
 
@@ -303,10 +282,6 @@ class Simulator(Protocol):
         """Gaussian log-likelihood of the measurements, reduced inside the engine.
 
         With process noise it is the filter's; the reading noise is then the problem's own, and ``noise`` counts not."""
-        ...
-
-    def gauss_newton(self, values: FloatArray, noise: FloatArray, *, active: Sequence[int]) -> GaussNewton:
-        """Least-squares products with respect to the ``active`` columns."""
         ...
 
     def close(self) -> None:

@@ -15,13 +15,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from aero_bayes.arrays import FloatArray
 from aero_bayes.errors import CannotFinishError, InputError
-from aero_bayes.simulation.batches import FILTER, FILTER_LIKELIHOOD, FILTER_STATES, GAUSS_NEWTON, LIKELIHOOD, Batches
+from aero_bayes.simulation.batches import FILTER, FILTER_LIKELIHOOD, FILTER_STATES, LIKELIHOOD, Batches
 from aero_bayes.simulation.interface import (
     ClosedAtExit,
     Experiment,
     Filtered,
     FilteredStates,
-    GaussNewton,
     Likelihoods,
     Outcome,
     Problem,
@@ -272,30 +271,6 @@ class NativeSimulator(ClosedAtExit):
             outcomes[part] = block.outcomes
             result[part] = np.where(block.outcomes == Outcome.OK, block.result[..., 0], -np.inf)
         return Likelihoods(result, outcomes)
-
-    def gauss_newton(self, values: FloatArray, noise: FloatArray, *, active: Sequence[int]) -> GaussNewton:
-        """Least-squares products with respect to the ``active`` columns. See :class:`Simulator`.
-
-        Rows with a failed run have infinite cost, a log-likelihood of minus infinity, and NaN products."""
-        values = check_values(self.problem, values)
-        columns = check_active(self.problem, active)
-        n, q, experiments = len(values), len(columns), len(self.problem.experiments)
-        noise = check_noise(self.problem, noise, n)
-        batches = self._open_batches()
-        total = np.full((n, 2 + q + q * q), np.nan)
-        outcomes = np.zeros((n, experiments), dtype=np.uint8)
-        for part, block in batches.blocks(GAUSS_NEWTON, values, columns, noise, experiments * (2 + q + q * q)):
-            outcomes[part] = block.outcomes
-            good = np.all(block.outcomes == Outcome.OK, axis=1)
-            total[part][good] = block.result[good].sum(axis=1)
-        bad = np.any(outcomes != Outcome.OK, axis=1)
-        return GaussNewton(
-            cost=np.where(bad, np.inf, total[:, 0]),
-            gradient=total[:, 2 : 2 + q].copy(),
-            hessian=total[:, 2 + q :].reshape(n, q, q).copy(),
-            log_likelihood=np.where(bad, -np.inf, total[:, 1]),
-            outcomes=outcomes,
-        )
 
     def filter(self, values: FloatArray, *, active: Sequence[int] = ()) -> Filtered:
         """Predictions of the readings by an extended Kalman filter, with their slopes by the ``active`` columns."""

@@ -1,5 +1,5 @@
 """Checks of a problem, and what simulators in Python share: parameters and inputs of a run, differences of whole runs,
-likelihoods and Gauss-Newton products from trajectories."""
+likelihoods from trajectories."""
 
 from __future__ import annotations
 
@@ -16,7 +16,6 @@ from aero_bayes.simulation.interface import (
     DelayTarget,
     DiffusionTarget,
     Experiment,
-    GaussNewton,
     InputSignal,
     Likelihoods,
     Outcome,
@@ -28,7 +27,7 @@ from aero_bayes.simulation.interface import (
     SolverSettings,
     StartTarget,
     Trajectories,
-    gauss_newton_products,
+    reading_log_likelihood,
 )
 from aero_bayes.simulation.model_description import ModelDescription, Variable
 
@@ -219,42 +218,16 @@ class ReducedTrajectories:
         found = self.simulate(values)
         result = np.full(found.outcomes.shape, -np.inf)
         for i, e in np.argwhere(found.outcomes == Outcome.OK):
-            result[i, e] = self._products(e, found.outputs[e][i], None, noise[i, e])[3]
+            result[i, e] = self._log_likelihood(self.problem.experiments[e], found.outputs[e][i], noise[i, e])
         return Likelihoods(result, found.outcomes)
 
-    def gauss_newton(self, values: FloatArray, noise: FloatArray, *, active: Sequence[int]) -> GaussNewton:
-        """Least-squares products with respect to the ``active`` columns. See :class:`Simulator`."""
-        values = check_values(self.problem, values)
-        noise = check_noise(self.problem, noise, len(values))
-        found = self.simulate(values, active=active)
-        assert found.sensitivities is not None
-        n, q = len(values), len(active)
-        cost, log_likelihood = np.zeros(n), np.zeros(n)
-        gradient, hessian = np.zeros((n, q)), np.zeros((n, q, q))
-        for i, e in np.ndindex(found.outcomes.shape):
-            if found.outcomes[i, e] != Outcome.OK:
-                cost[i], log_likelihood[i], gradient[i], hessian[i] = np.inf, -np.inf, np.nan, np.nan
-                continue
-            part = self._products(e, found.outputs[e][i], found.sensitivities[e][i], noise[i, e])
-            cost[i] += part[0]
-            gradient[i] += part[1]
-            hessian[i] += part[2]
-            log_likelihood[i] += part[3]
-        return GaussNewton(cost, gradient, hessian, log_likelihood, found.outcomes)
-
-    def _products(
-        self, number: int, output: FloatArray, slopes: FloatArray | None, noise: FloatArray
-    ) -> tuple[float, FloatArray, FloatArray, float]:
-        experiment = self.problem.experiments[number]
-        assert experiment.measured is not None
-        if slopes is None:
-            slopes = np.zeros((*output.shape, 0))
-        measured, spread, unequal = experiment.measured, experiment.spread, 0.0
-        if spread is not None:
-            unequal = float(np.sum(np.log(spread[np.isfinite(measured)])))
-            measured, output, slopes = measured / spread, output / spread, slopes / spread[:, :, None]
-        cost, gradient, hessian, found = gauss_newton_products(experiment.time, measured, output, slopes, noise)
-        return cost, gradient, hessian, found - unequal
+    def _log_likelihood(self, experiment: Experiment, output: FloatArray, noise: FloatArray) -> float:
+        measured, spread = experiment.measured, experiment.spread
+        assert measured is not None
+        if spread is None:
+            return reading_log_likelihood(experiment.time, measured, output, noise)
+        unequal = float(np.sum(np.log(spread[np.isfinite(measured)])))
+        return reading_log_likelihood(experiment.time, measured / spread, output / spread, noise) - unequal
 
 
 class SingleRuns(ReducedTrajectories, ClosedAtExit):

@@ -58,21 +58,6 @@ static int all_finite(const double *v, int64_t count)
     return sum == 0.0;
 }
 
-static void gauss_newton_result(const Run *r, double *out)
-{
-    const Sink *k = &r->sink;
-    const int q = r->q;
-    out[0] = k->cost;
-    out[1] = -k->cost - k->log_det;
-    for (int i = 0; i < q; i++) {
-        out[2 + i] = k->gradient[i];
-        for (int j = i; j < q; j++) {
-            const double v = k->hessian[i * r->ld + j];
-            out[2 + q + i * q + j] = out[2 + q + j * q + i] = v;
-        }
-    }
-}
-
 static int is_whole(const Job *job)
 {
     return job->mode == MODE_TRAJECTORY || job->mode == MODE_FILTER || job->mode == MODE_FILTER_STATES;
@@ -103,10 +88,8 @@ static int close_task(const Run *r, char *base, const Job *job, int64_t index)
                    : AB_NOT_FINITE;
     if (job->mode == MODE_FILTER_LIKELIHOOD)
         result[0] = r->kalman->log_likelihood;
-    else if (job->mode == MODE_LIKELIHOOD)
-        result[0] = -r->sink.cost - r->sink.log_det;
     else
-        gauss_newton_result(r, result);
+        result[0] = -r->sink.cost - r->sink.log_det;
     return all_finite(result, job->result_stride) ? AB_OK : AB_NOT_FINITE;
 }
 

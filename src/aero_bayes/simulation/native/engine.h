@@ -19,8 +19,7 @@
  *   step.c         the steps of a segment between two jumps or events, with error control
  *   run.c          one simulation from initialisation to the last sample, with what happens between two segments
  *   differences.c  sensitivities by internal numerical differentiation, for FMUs without derivatives
- *   sink.c         samples of the outputs, and where they go: a trajectory, a likelihood with its noise filter,
- *                  Gauss-Newton products
+ *   sink.c         samples of the outputs, and where they go: a trajectory, or a likelihood with its noise filter
  *   kalman.c       the extended Kalman filter of a model with process noise
  *   batch.c        many runs, handed out from a shared counter, and what a worker tells of its progress
  *   kernels.inc    the vector loops, compiled for the baseline and for AVX2 by kernels.c
@@ -47,7 +46,7 @@ enum {
     TARGET_NONE, TARGET_PARAMETER, TARGET_START, TARGET_DELAY, TARGET_DIFFUSION, TARGET_READING_NOISE
 };
 enum {
-    MODE_TRAJECTORY, MODE_LIKELIHOOD, MODE_GAUSS_NEWTON,
+    MODE_TRAJECTORY, MODE_LIKELIHOOD,
     MODE_FILTER, MODE_FILTER_LIKELIHOOD, MODE_FILTER_STATES /* with process noise */
 };
 
@@ -196,9 +195,7 @@ typedef struct {
     double *trajectory, *sensitivity;
     double *kept; /* m x n outputs kept beside, or NULL */
     Filter *filter;
-    double *filter_mean; /* m x ld: the sensitivities' filters */
     double cost, log_det;
-    double *gradient, *hessian; /* ld, ld x ld */
     double *residual, *gain, *decay, *weight;
 } Sink;
 
@@ -488,10 +485,6 @@ typedef struct {
     double (*square)(const double *r, int64_t count);
     double (*colour)(double *r, int64_t count, const double *gain, const double *decay, const double *weight,
                      double mean);
-    void (*colour_rows)(double *s, int64_t count, int64_t q, int64_t ld, const double *gain, const double *decay,
-                        const double *weight, double *mean);
-    void (*gradient)(double *g, const double *w, const double *r, int64_t count, int64_t q, int64_t ld);
-    void (*syrk)(double *h, const double *w, int64_t count, int64_t q, int64_t ld);
     void (*product)(double *c, const double *a, const double *b, int n);
     void (*apply)(double *out, const double *m, const double *v, int n, int rows);
     void (*apply_rows)(double *out, const double *m, const double *s, int n, int rows, int64_t q, int64_t ld);

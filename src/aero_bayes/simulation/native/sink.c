@@ -1,8 +1,7 @@
 /* Where samples go. Outputs that are states are read from the continuous extension; others
  * are asked of the FMU at every sample, or, where a step spans many samples, at a few Chebyshev points of it with a
  * polynomial between them. As many points again, between those, tell whether the polynomial is as good as the step
- * itself; where it is not, the piece is halved. Blocks of samples end in a trajectory, a likelihood or Gauss-Newton
- * products.
+ * itself; where it is not, the piece is halved. Blocks of samples end in a trajectory or a likelihood.
  *
  * The noise of one output is Gaussian: white plus an Ornstein-Uhlenbeck process, as a scalar innovations (Kalman) filter.
  * State space form of a first-order process: S. Sarkka, Bayesian Filtering and Smoothing (2013), ch. 4; on a uniform
@@ -123,9 +122,6 @@ void sink_begin(Run *r, int mode, const double *noise)
     r->piece = BLOCK;
     if (mode == MODE_TRAJECTORY || filters(r)) return;
     for (int64_t i = 0; i < e->m; i++) filter_begin(&k->filter[i], noise + 3 * i, e->spacing);
-    memset(k->filter_mean, 0, sizeof(double) * (size_t)(e->m * r->ld));
-    memset(k->gradient, 0, sizeof(double) * (size_t)r->ld);
-    memset(k->hessian, 0, sizeof(double) * (size_t)(r->ld * r->ld));
 }
 
 static void flush_trajectory(Run *r)
@@ -147,38 +143,23 @@ static void flush_output(Run *r, int64_t o)
     const Experiment *e = r->e;
     Filter *f = &k->filter[o];
     const double *measured = e->measured + o * e->n + k->first;
-    double *s = k->s + o * BLOCK * r->ld;
     const int64_t used = kernels->residual(k->y + o * BLOCK, measured, k->filled, k->residual);
     const double *seen = used == k->filled ? NULL : measured;
-    const int64_t q = r->q;
-    double mean = f->mean;
     if (e->spread) { /* what follows sees readings whose noise is equally large */
         const double *spread = e->spread + o * e->n + k->first;
         for (int64_t i = 0; i < k->filled; i++) {
             if (seen && seen[i] != seen[i]) continue;
             k->log_det += log(spread[i]);
             k->residual[i] /= spread[i];
-            for (int64_t j = 0; j < q; j++) s[i * r->ld + j] /= spread[i];
         }
     }
     if (f->stationary > 0.0) {
         filter_gains(f, e->time + k->first, seen, k->filled, e->spacing, k->gain, k->decay, k->weight, &k->log_det);
-        f->mean = kernels->colour(k->residual, k->filled, k->gain, k->decay, k->weight, mean);
+        f->mean = kernels->colour(k->residual, k->filled, k->gain, k->decay, k->weight, f->mean);
         k->cost += 0.5 * kernels->square(k->residual, k->filled);
-        if (q) kernels->colour_rows(s, k->filled, q, r->ld, k->gain, k->decay, k->weight, k->filter_mean + o * r->ld);
     } else {
-        const double weight = 1.0 / sqrt(f->white);
         k->log_det += 0.5 * (double)used * (LOG_2PI + log(f->white));
         k->cost += 0.5 * kernels->square(k->residual, k->filled) / f->white;
-        for (int64_t i = 0; q && i < k->filled; i++) {
-            const double w = seen && seen[i] != seen[i] ? 0.0 : weight;
-            for (int64_t j = 0; j < q; j++) s[i * r->ld + j] *= w;
-            k->residual[i] *= weight;
-        }
-    }
-    if (q) {
-        kernels->gradient(k->gradient, s, k->residual, k->filled, q, r->ld);
-        kernels->syrk(k->hessian, s, k->filled, q, r->ld);
     }
 }
 

@@ -47,8 +47,6 @@ static void lay_out(Run *r, Arena *a)
     k->y = REALS(m * BLOCK);
     k->s = REALS(m * BLOCK * ld);
     k->filter = PART(Filter, m);
-    k->filter_mean = REALS(m * ld);
-    k->gradient = REALS(ld), k->hessian = REALS(ld * ld);
     k->residual = REALS(BLOCK), k->gain = REALS(BLOCK), k->decay = REALS(BLOCK), k->weight = REALS(BLOCK);
 }
 
