@@ -1,4 +1,4 @@
-"""A simulator of formulas, written for these tests alone: dense covariances, complex-step derivatives."""
+"""A simulator of formulas, written for these tests alone: complex-step derivatives."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from aero_bayes.estimate.measured_data import MeasuredData
 from aero_bayes.estimate.parameters import Parameter, ParameterSet
 from aero_bayes.estimate.priors import Prior
 from aero_bayes.estimate.result import Fit
-from aero_bayes.simulation.interface import Experiment, Likelihoods, ParameterTarget, Problem, Trajectories
+from aero_bayes.simulation.interface import Experiment, ParameterTarget, Problem, Trajectories
 from aero_bayes.simulation.model import Model
 from aero_bayes.simulation.model_description import Variable
 
@@ -102,7 +102,6 @@ class FormulaSimulator:
 
     def __init__(self, problem: Problem, formula: Formula) -> None:
         self.problem, self.formula = problem, formula
-        self.runs = 0
 
     def __enter__(self) -> FormulaSimulator:
         return self
@@ -132,27 +131,3 @@ class FormulaSimulator:
             slopes = tuple(np.stack([self._slopes(v, e, active) for v in values]) for e in count)
         finite = np.stack([np.isfinite(y).all(axis=(1, 2)) for y in outputs], axis=1)
         return Trajectories(outputs, slopes, np.where(finite, 0, 2).astype(np.uint8))
-
-    def log_likelihood(self, values: np.ndarray, noise: np.ndarray) -> Likelihoods:
-        experiments = self.problem.experiments
-        m = len(experiments[0].outputs)
-        noise = np.broadcast_to(noise, (len(values), len(experiments), m, 3))
-        like = np.zeros((len(values), len(experiments)))
-        for k, v in enumerate(values):
-            self.runs += 1
-            for e, experiment in enumerate(experiments):
-                fitted = self._outputs(v, e)
-                if not np.isfinite(fitted).all():
-                    like[k, e] = -np.inf
-                    continue
-                for c in range(m):
-                    seen = np.isfinite(experiment.measured[:, c])
-                    t, r = experiment.time[seen], (fitted - experiment.measured)[seen, c]
-                    white, ou, tau = noise[k, e, c]
-                    if ou > 0.0:
-                        cov = ou**2 * np.exp(-np.abs(t[:, None] - t) / tau) + white**2 * np.eye(t.size)
-                        right, log_det = np.linalg.solve(cov, r), np.linalg.slogdet(cov)[1]
-                    else:
-                        right, log_det = r / white**2, t.size * np.log(white**2)
-                    like[k, e] -= 0.5 * (r @ right + log_det + t.size * np.log(2 * np.pi))
-        return Likelihoods(like, np.where(np.isfinite(like), 0, 2).astype(np.uint8))

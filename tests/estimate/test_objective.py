@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -55,7 +57,7 @@ def recordings(sampling: str) -> list[Recording]:
 
 
 @pytest.fixture(scope="module")
-def objectives(modelica):
+def objectives(exported):
     """An objective for each sampling."""
     parameters = ParameterSet(
         (
@@ -67,7 +69,7 @@ def objectives(modelica):
     settings = CalibrationSettings(delay="none", may_start_at_rest=(), solver=SolverSettings(1e-8, 1e-8))
     opened = {}
     for sampling in ("even", "gaps", "uneven"):
-        calibration = calibrate(recordings(sampling), modelica(RINGING), parameters, settings=settings)
+        calibration = calibrate(recordings(sampling), exported(RINGING), parameters, settings=settings)
         opened[sampling] = Objective(calibration, open_simulator(calibration.problem(), workers=0))
     yield opened
     for objective in opened.values():
@@ -86,6 +88,8 @@ def test_engine_and_whitened_residuals_agree(objectives, sampling, kind):
     plain = objective.evaluate(x)
     by_recording = objective.log_likelihood(values, objective.noise_rows(noise))[0]
     assert objective.whiten(plain, noise).log_likelihood == pytest.approx(by_recording.sum(), rel=REL)
+    other = Objective(objective.calibration, SimpleNamespace(simulate=objective.simulator.simulate))  # of any engine
+    assert other.log_likelihood(values, other.noise_rows(noise))[0] == pytest.approx(by_recording, rel=REL)
 
     score = objective.whiten(objective.evaluate(x, active), noise).score
     step = 1e-5 * np.eye(3)

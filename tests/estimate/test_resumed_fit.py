@@ -16,7 +16,7 @@ from aero_bayes.estimate.fit import fit_calibration
 from aero_bayes.estimate.levenberg_marquardt import FitSettings
 from aero_bayes.estimate.result import Fit
 from aero_bayes.estimate.swarm import SwarmSettings
-from aero_bayes.simulation.interface import Likelihoods, Problem, Trajectories
+from aero_bayes.simulation.interface import Problem, Trajectories
 
 pytestmark = pytest.mark.fast
 
@@ -45,10 +45,6 @@ class Rationed(FormulaSimulator):
     def simulate(self, values: np.ndarray, *, active=None) -> Trajectories:
         self.eat()
         return super().simulate(values, active=active)
-
-    def log_likelihood(self, values: np.ndarray, noise: np.ndarray) -> Likelihoods:
-        self.eat()
-        return super().log_likelihood(values, noise)
 
     def eat(self) -> None:
         Rationed.left -= 1

@@ -117,14 +117,6 @@ def test_aero_trajectories_and_sensitivities(aero_problem, here):
     compare(problem, values, here, active=[0, 1, 2, 3, 5])
 
 
-def test_aero_likelihood(aero_problem, here):
-    problem, values = aero_problem
-    noise = np.array([[[0.1, 0.2, 0.05], [0.3, 0.0, 0.0], [0.2, 1.0, 0.01]]])
-    with open_simulator(problem, pool=here) as native, open_simulator(problem, "fmpy") as reference:
-        found, expected = (s.log_likelihood(values, noise).log_likelihood for s in (native, reference))
-    np.testing.assert_allclose(found, expected, rtol=1e-6)
-
-
 def test_aero_within_a_hundred_thousandth_of_the_range(aero, here):
     time = np.linspace(0.0, 40.0, 2001)
     signal = InputSignal("V_m", np.array([0.0, 20.0]), np.array([24.0, 0.0]))

@@ -12,7 +12,6 @@ from aero_bayes.simulation.interface import (
     Problem,
     SolverSettings,
     StartTarget,
-    reading_log_likelihood,
 )
 from aero_bayes.simulation.native_simulator import NativeSimulator
 
@@ -61,4 +60,3 @@ def test_likelihood(test_fmu, here, grid, noise, gaps):
         r = (y - measured)[seen, output]
         expected += multivariate_normal(np.zeros(r.size), k, allow_singular=True).logpdf(r)
     np.testing.assert_allclose(likelihood, expected, rtol=1e-7)
-    np.testing.assert_allclose(reading_log_likelihood(time, measured, y, noises[0]), expected, rtol=1e-8)

@@ -15,7 +15,7 @@ from aero_bayes.checkpoint import Arrays, ResultCache, digest
 from aero_bayes.estimate.calibration import Calibration
 from aero_bayes.estimate.measured_data import MeasuredData
 from aero_bayes.estimate.noise import OutputNoise, SampleTimes
-from aero_bayes.estimate.noise_estimation import LOG_2PI, whiten
+from aero_bayes.estimate.noise_estimation import LOG_2PI, reading_log_density, whiten
 from aero_bayes.simulation.interface import (
     Outcome,
     ReadingNoiseTarget,
@@ -258,10 +258,21 @@ class Objective:
     def log_likelihood(self, values: FloatArray, noise: FloatArray) -> FloatArray:
         """Compute the log-likelihood of each experiment at SI values (n, p), shape (n, E).
 
-        Minus infinity for a failed run."""
-        found = self.simulator.log_likelihood(values, noise)
-        self._count(found.outcomes)
-        return found.log_likelihood
+        Minus infinity for a failed run. The compiled engine sums it up itself."""
+        if isinstance(self.simulator, NativeSimulator):
+            found = self.simulator.log_likelihood(values, noise)
+            self._count(found.outcomes)
+            return found.log_likelihood
+        run = self.simulate(values)
+        total = np.zeros(run.outcomes.shape)
+        noise = np.broadcast_to(noise, (*total.shape, len(self.calibration.data.outputs), 3))
+        for s in self.series:
+            rows = s.sampling.equalised(s.measured - run.outputs[s.experiment][:, s.sampling.index, s.column])
+            density = reading_log_density(s.sampling.time, rows, noise[:, s.experiment, s.column])
+            total[:, s.experiment] += np.sum(density, axis=1)
+            if s.sampling.spread is not None:
+                total[:, s.experiment] -= np.sum(np.log(s.sampling.spread))
+        return np.where(run.outcomes == Outcome.OK, total, -np.inf)
 
     def noise_rows(self, noise: Mapping[str, OutputNoise]) -> FloatArray:
         """Write noise triples as the engine takes them, shape (1, 1, m, 3)."""

@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 from aero_bayes.arrays import FloatArray
 from aero_bayes.errors import InputError
 from aero_bayes.simulation.interface import ClosedAtExit, Experiment, Problem, Simulator, Trajectories
-from aero_bayes.simulation.problem_checks import ReducedTrajectories
 
 #: Places in (-1, 1) and weights, which sum to one.
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(5)
@@ -49,7 +48,7 @@ class _Grid:
         return found
 
 
-class AveragingSimulator(ReducedTrajectories, ClosedAtExit):
+class AveragingSimulator(ClosedAtExit):
     """Runs a problem some of whose outputs are means, by the simulator that ``opened`` returns of its finer grid."""
 
     def __init__(self, problem: Problem, opened: Callable[[Problem], Simulator]) -> None:

@@ -29,7 +29,6 @@ from aero_bayes.simulation.interface import (
 )
 from aero_bayes.simulation.native_simulator import NativeSimulator
 from aero_bayes.simulation.problem_checks import (
-    ReducedTrajectories,
     check_active,
     check_problem,
     check_values,
@@ -43,7 +42,7 @@ _STEP_ERROR_GOAL = 1e-5  # of an output's range, between a step and its halves
 _RELATIVE_STEP = 1e-3  # of the differences: the FMU's solver is no smoother than that
 
 
-class CosimulationSimulator(ReducedTrajectories, ClosedAtExit):
+class CosimulationSimulator(ClosedAtExit):
     """Runs a problem whose model has co-simulation only."""
 
     def __init__(self, problem: Problem, workers: int | None = None) -> None:

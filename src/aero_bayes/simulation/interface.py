@@ -9,7 +9,6 @@ from typing import Literal, Protocol, Self
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import cho_solve_banded, cholesky_banded
 
 from aero_bayes.arguments import Positive
 from aero_bayes.arrays import FloatArray
@@ -17,48 +16,6 @@ from aero_bayes.simulation.model_description import ModelDescription
 
 #: Standard deviations of a normal density on either side of its mean that hold 90 %.
 NORMAL_HALF_WIDTH = 1.6448536269514722
-
-
-def ou_precision(time: FloatArray, sd: float, tau: float) -> tuple[FloatArray, FloatArray, float]:
-    """Diagonal, off-diagonal and log-determinant of the precision of an Ornstein-Uhlenbeck process."""
-    phi = np.exp(-np.diff(time) / tau)
-    fresh = -np.expm1(-2.0 * np.diff(time) / tau)
-    diagonal = np.ones(time.size)
-    diagonal[:-1] += phi**2 / fresh
-    diagonal[1:] += phi**2 / fresh
-    log_det = -time.size * 2.0 * np.log(sd) - float(np.sum(np.log(fresh)))
-    return diagonal / sd**2, -phi / fresh / sd**2, log_det
-
-
-def apply_inverse_covariance(time: FloatArray, noise: FloatArray, columns: FloatArray) -> tuple[FloatArray, float]:
-    """K^-1 times each column, and log det K."""
-    white, sd, tau = (float(v) for v in noise)
-    if sd == 0.0 or tau <= 0.0:
-        variance = white**2 + sd**2
-        return columns / variance, time.size * float(np.log(variance))
-    diagonal, off, log_det = ou_precision(time, sd, tau)
-    band = np.zeros((2, time.size))
-    band[0] = 1.0 + white**2 * diagonal
-    band[1, :-1] = white**2 * off
-    factor = cholesky_banded(band, lower=True)
-    solved = cho_solve_banded((factor, True), columns)
-    weighed = diagonal[:, None] * solved
-    weighed[:-1] += off[:, None] * solved[1:]
-    weighed[1:] += off[:, None] * solved[:-1]
-    return weighed, 2.0 * float(np.sum(np.log(factor[0]))) - log_det
-
-
-def reading_log_likelihood(time: FloatArray, measured: FloatArray, output: FloatArray, noise: FloatArray) -> float:
-    """Log-likelihood of the readings (n, m) of one experiment, NaN where there is none."""
-    total = 0.0
-    for index in range(measured.shape[1]):
-        seen = ~np.isnan(measured[:, index])
-        if seen.any():
-            residual = output[seen, index] - measured[seen, index]
-            weighed, log_det = apply_inverse_covariance(time[seen], noise[index], residual[:, None])
-            square = float(residual @ weighed[:, 0])
-            total -= 0.5 * (square + log_det + residual.size * float(np.log(2.0 * np.pi)))
-    return total
 
 
 Interpolation = Literal["hold", "linear"]
@@ -276,12 +233,6 @@ class Simulator(Protocol):
 
     def simulate(self, values: FloatArray, *, active: Sequence[int] | None = None) -> Trajectories:
         """Trajectories; with ``active`` also sensitivities to those columns."""
-        ...
-
-    def log_likelihood(self, values: FloatArray, noise: FloatArray) -> Likelihoods:
-        """Gaussian log-likelihood of the measurements, reduced inside the engine.
-
-        With process noise it is the filter's; the reading noise is then the problem's own, and ``noise`` counts not."""
         ...
 
     def close(self) -> None:

@@ -1,5 +1,4 @@
-"""Checks of a problem, and what simulators in Python share: parameters and inputs of a run, differences of whole runs,
-likelihoods from trajectories."""
+"""Checks of a problem, and what simulators in Python share: parameters and inputs of a run, differences of runs."""
 
 from __future__ import annotations
 
@@ -17,7 +16,6 @@ from aero_bayes.simulation.interface import (
     DiffusionTarget,
     Experiment,
     InputSignal,
-    Likelihoods,
     Outcome,
     ParameterTarget,
     Problem,
@@ -27,7 +25,6 @@ from aero_bayes.simulation.interface import (
     SolverSettings,
     StartTarget,
     Trajectories,
-    reading_log_likelihood,
 )
 from aero_bayes.simulation.model_description import ModelDescription, Variable
 
@@ -202,36 +199,10 @@ RELATIVE_STEP, TIGHTER, TIGHTEST = 1e-4, 1e-3, 1e-12
 DELAY_SIZE = 0.1
 
 
-class ReducedTrajectories:
-    """The reduced calls of a :class:`Simulator` that has ``problem`` and ``simulate``."""
+class SingleRuns(ClosedAtExit):
+    """A :class:`Simulator` that does one run after the other, in this process; slopes are central differences."""
 
     problem: Problem
-
-    def simulate(self, values: FloatArray, *, active: Sequence[int] | None = None) -> Trajectories:
-        """See :class:`Simulator`."""
-        raise NotImplementedError
-
-    def log_likelihood(self, values: FloatArray, noise: FloatArray) -> Likelihoods:
-        """Gaussian log-likelihood of the measurements. See :class:`Simulator`."""
-        values = check_values(self.problem, values)
-        noise = check_noise(self.problem, noise, len(values))
-        found = self.simulate(values)
-        result = np.full(found.outcomes.shape, -np.inf)
-        for i, e in np.argwhere(found.outcomes == Outcome.OK):
-            result[i, e] = self._log_likelihood(self.problem.experiments[e], found.outputs[e][i], noise[i, e])
-        return Likelihoods(result, found.outcomes)
-
-    def _log_likelihood(self, experiment: Experiment, output: FloatArray, noise: FloatArray) -> float:
-        measured, spread = experiment.measured, experiment.spread
-        assert measured is not None
-        if spread is None:
-            return reading_log_likelihood(experiment.time, measured, output, noise)
-        unequal = float(np.sum(np.log(spread[np.isfinite(measured)])))
-        return reading_log_likelihood(experiment.time, measured / spread, output / spread, noise) - unequal
-
-
-class SingleRuns(ReducedTrajectories, ClosedAtExit):
-    """A :class:`Simulator` that does one run after the other, in this process; slopes are central differences."""
 
     def _run(self, number: int, values: FloatArray, settings: SolverSettings) -> tuple[FloatArray, Outcome]:
         """Simulate one experiment at one parameter vector (p,): outputs (n, m), NaN where the run fails."""
