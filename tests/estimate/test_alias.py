@@ -49,9 +49,9 @@ def record() -> Recording:
     return Recording("run", time[keep] - time[1000], {"u": u[keep]}, {"y": y})
 
 
-def test_a_resonance_is_not_taken_for_its_alias(modelica):
+def test_a_resonance_is_not_taken_for_its_alias(exported):
     """Held inputs make the alias the better of two bad fits; straight lines are tried from the start as well."""
-    model = modelica(OSCILLATOR)
+    model = exported(OSCILLATOR)
     free = parameters_from_model(model, overrides={name: ParameterSpec() for name in ("m", "d", "a")})
     held = calibrate([record()], model, free, settings=CalibrationSettings(initial_states="estimated"))
     with open_simulator(held.problem(), workers=0) as simulator:

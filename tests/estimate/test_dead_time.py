@@ -42,8 +42,8 @@ def room(seed: int) -> Recording:
     return Recording(f"room{seed}", TIME, {"T_amb": outside, "heater": heater}, {"T": read})
 
 
-def fitted(modelica, recordings, limit) -> aero_bayes.Fit:
-    model = modelica(ROOM)
+def fitted(exported, recordings, limit) -> aero_bayes.Fit:
+    model = exported(ROOM)
     settings = aero_bayes.FitSettings(
         method="local", calibration=CalibrationSettings(initial_states="reading", max_input_delay=limit)
     )
@@ -51,18 +51,18 @@ def fitted(modelica, recordings, limit) -> aero_bayes.Fit:
     return aero_bayes.fit(recordings, model, parameters=free, settings=settings, workers=0)
 
 
-def test_a_dead_time_of_many_samples_is_its_inputs_alone(modelica) -> None:
-    fit = fitted(modelica, [room(1), room(2)], {"heater": 1800.0})
+def test_a_dead_time_of_many_samples_is_its_inputs_alone(exported) -> None:
+    fit = fitted(exported, [room(1), room(2)], {"heater": 1800.0})
     assert set(fit.parameters) >= {"tau", "gain", "heater_delay"}
     delay = fit["heater_delay"]
     assert delay.value == pytest.approx(DEAD, abs=4.0 * delay.sd)
     assert delay.sd < 5.0
     assert fit["tau"].value == pytest.approx(TAU, rel=0.01)
     assert fit.rms["T"] == pytest.approx(NOISE, rel=0.05)
-    together = fitted(modelica, [room(1), room(2)], 1800.0)
+    together = fitted(exported, [room(1), room(2)], 1800.0)
     assert together.rms["T"] > 2.0 * NOISE
 
 
-def test_a_delay_of_an_input_that_was_not_recorded_is_refused(modelica) -> None:
+def test_a_delay_of_an_input_that_was_not_recorded_is_refused(exported) -> None:
     with pytest.raises(InputError, match=facts("delay", "wind", "room1", "T_amb", "heater")):
-        fitted(modelica, room(1), {"wind": 10.0})
+        fitted(exported, room(1), {"wind": 10.0})

@@ -1,4 +1,4 @@
-"""Fits of formulas: against linear regression, scipy.optimize, and parameters known by construction."""
+"""Fits of formulas: against scipy.optimize, and parameters known by construction."""
 
 from __future__ import annotations
 
@@ -19,29 +19,9 @@ T = np.linspace(0.0, 4.0, 120)
 SWARM = FitSettings(pso=SwarmSettings(particles=16, iterations=30))
 
 
-def line(t: np.ndarray, v: np.ndarray) -> np.ndarray:
-    return (v[0] + v[1] * t)[:, None]
-
-
 def decay(t: np.ndarray, v: np.ndarray) -> np.ndarray:
     first = v[0] * np.exp(-v[1] * t)
     return np.stack([first, first * v[2] + v[3] * np.sin(v[4] * t)], axis=1)
-
-
-def test_linear_gaussian_posterior_is_the_closed_form() -> None:
-    rng = np.random.default_rng(11)
-    y = line(T, np.array([1.0, -0.5])) + 0.2 * rng.normal(size=(T.size, 1))
-    items = [parameter(n, 0.0, -9.0, 9.0, Normal(0.0, sd)) for n, sd in (("a", 0.5), ("b", 0.3))]
-    found = fitted(line, calibration([(T, y)], ["y"], items), SWARM)
-    design = np.stack([np.ones_like(T), T], axis=1)
-    sd = found.noise["y"].sd_white
-    precision = design.T @ design / sd**2 + np.diag([1 / 0.5**2, 1 / 0.3**2])
-    mean = np.linalg.solve(precision, design.T @ y[:, 0] / sd**2)
-    np.testing.assert_allclose(found.values, mean, atol=3e-4)
-    covariance = found.laplace.covariance[:2, :2] * 18.0**2
-    np.testing.assert_allclose(covariance, np.linalg.inv(precision), rtol=2e-3)
-    assert found.laplace.sd[2] == pytest.approx(1 / np.sqrt(2 * T.size), rel=0.02)
-    assert found.cost_eq6 == pytest.approx(float(np.sum((y - line(T, mean)) ** 2)), rel=1e-4)
 
 
 def test_two_outputs_agree_with_scipy_at_the_same_weights() -> None:

@@ -69,10 +69,10 @@ FORCES = {
 
 
 @pytest.mark.parametrize("kind", FORCES)
-def test_the_cheap_problem_leads_to_the_valley_of_the_full_one(modelica, kind):
+def test_the_cheap_problem_leads_to_the_valley_of_the_full_one(exported, kind):
     w, force, averaged = FORCES[kind]
     readings = swinging(w, force, INTERVAL) + 0.02 * np.random.default_rng(3).standard_normal(TIME.size)
-    model = modelica(PENDULUM)
+    model = exported(PENDULUM)
     calibration = calibrate(
         [Recording("swing", TIME, {"u": force}, {"x": readings})], model,
         parameters_from_model(model, overrides={"w": ParameterSpec()}),
@@ -107,8 +107,8 @@ def test_the_cheap_problem_leads_to_the_valley_of_the_full_one(modelica, kind):
     assert all(abs(end / w - 1.0) > 1e-2 for end in ends[1:])
 
 
-def test_few_changes_of_the_input_are_left_as_they_are(modelica):
-    model = modelica(PENDULUM)
+def test_few_changes_of_the_input_are_left_as_they_are(exported):
+    model = exported(PENDULUM)
     force = np.repeat([1.0, -1.0, 2.0], 1000)
     calibration = calibrate(
         [Recording("swing", TIME, {"u": force}, {"x": np.cos(TIME)})], model,
@@ -121,7 +121,7 @@ def test_few_changes_of_the_input_are_left_as_they_are(modelica):
     assert cheap.data.experiments[0].time.size == SAMPLES
 
 
-def test_starts_of_states_that_no_one_measured_are_found(modelica):
+def test_starts_of_states_that_no_one_measured_are_found(exported):
     """Of two tanks in series only the second is read; both start elsewhere than the model says, each time anew."""
     k1, k2, interval = 0.4, 1.1, 0.05
     time = np.arange(600) * interval
@@ -136,7 +136,7 @@ def test_starts_of_states_that_no_one_measured_are_found(modelica):
         )
         for name, start in starts.items()
     ]  # fmt: skip
-    model = modelica(TANKS)
+    model = exported(TANKS)
     parameters = parameters_from_model(model, overrides={"k1": ParameterSpec(), "k2": ParameterSpec()})
     settings = FitSettings(method="local", calibration=CalibrationSettings(delay="none", initial_states="estimated"))
     found = fit(recordings, model, parameters=parameters, settings=settings, workers=0)
@@ -175,9 +175,9 @@ def test_a_wave_of_many_periods_is_found_from_its_beginning():
     assert found(FitSettings(pso=SwarmSettings(particles=2, iterations=1))) == pytest.approx(3.7, abs=0.01)
 
 
-def test_a_start_is_not_called_as_a_parameter_of_the_model(modelica):
+def test_a_start_is_not_called_as_a_parameter_of_the_model(exported):
     """Blocks have a parameter ``y_start`` beside their state ``y``."""
-    model = modelica(
+    model = exported(
         'model Lag\n  parameter Real T(unit = "s") = 2;\n  parameter Real y_start = 0.5;\n  input Real u;\n'
         "  output Real y(start = y_start, fixed = true);\nequation\n  T * der(y) = u - y;\nend Lag;\n"
     )

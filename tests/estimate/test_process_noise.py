@@ -89,8 +89,8 @@ def fitted(model, recording, **noise):
 
 
 @pytest.fixture(scope="module")
-def model(modelica):
-    return modelica(DRIFT)
+def model(exported):
+    return exported(DRIFT)
 
 
 @pytest.fixture(scope="module")

@@ -54,8 +54,8 @@ def house(heater_is: Interpolation, at_night: bool) -> Recording:
     )
 
 
-def fitted(modelica, recording: Recording, interpolation) -> aero_bayes.Fit:
-    model = modelica(HOUSE)
+def fitted(exported, recording: Recording, interpolation) -> aero_bayes.Fit:
+    model = exported(HOUSE)
     settings = aero_bayes.FitSettings(
         method="local", calibration=CalibrationSettings(initial_states="reading", interpolation=interpolation)
     )
@@ -64,10 +64,10 @@ def fitted(modelica, recording: Recording, interpolation) -> aero_bayes.Fit:
 
 
 @pytest.mark.parametrize("at_night", [True, False])
-def test_straight_lines_that_are_asked_for_are_every_inputs(modelica, at_night: bool) -> None:
+def test_straight_lines_that_are_asked_for_are_every_inputs(exported, at_night: bool) -> None:
     recording = house("linear", at_night)
     assert (np.mean(np.diff(recording.inputs["heater"]) != 0.0) < 0.5) == at_night
-    fit = fitted(modelica, recording, "linear")
+    fit = fitted(exported, recording, "linear")
     assert fit.to_dict()["fit"]["interpolation"] == {"T_amb": "linear", "heater": "linear"}
     assert fit.rms["T"] == pytest.approx(NOISE, rel=0.1)
     np.testing.assert_allclose(fit.simulate(recording).outputs["T"], recording.outputs["T"], atol=5.0 * NOISE)
@@ -75,18 +75,18 @@ def test_straight_lines_that_are_asked_for_are_every_inputs(modelica, at_night: 
 
 @pytest.mark.parametrize("heater_is", ["hold", "linear"])
 @pytest.mark.parametrize("at_night", [True, False])
-def test_the_fit_decides_for_each_input(modelica, heater_is: Interpolation, at_night: bool) -> None:
-    fit = fitted(modelica, house(heater_is, at_night), "auto")
+def test_the_fit_decides_for_each_input(exported, heater_is: Interpolation, at_night: bool) -> None:
+    fit = fitted(exported, house(heater_is, at_night), "auto")
     assert fit.to_dict()["fit"]["interpolation"] == {"T_amb": "linear", "heater": heater_is}
     assert fit.rms["T"] == pytest.approx(NOISE, rel=0.1)
     assert fit["gain"].value == pytest.approx(GAIN, rel=0.01)
 
 
-def test_a_reading_by_name_and_what_may_move(modelica) -> None:
+def test_a_reading_by_name_and_what_may_move(exported) -> None:
     recording = house("hold", at_night=True)
     steps = np.repeat(np.arange(60.0), 10)
     recording = Recording("house", TIME, {**recording.inputs, "heater": steps}, recording.outputs)
-    model = modelica(HOUSE)
+    model = exported(HOUSE)
     free = parameters_from_model(model, overrides={"tau": ParameterSpec()})
     settings = CalibrationSettings(initial_states="reading", interpolation={"T_amb": "linear"})
     calibration = calibrate([recording], model, free, settings=settings)

@@ -42,14 +42,14 @@ def lag(rng: np.random.Generator, name: str, gain: float, start: float) -> Recor
     return Recording(name, time, {"u": u}, {"y": y + noise[0], "z": noise[1]}, {})
 
 
-def test_only_what_does_nothing_else_is_an_initial_value(modelica: Callable[[str], Model]):
+def test_only_what_does_nothing_else_is_an_initial_value(exported: Callable[[str], Model]):
     names = ["tau", "gain", "y0", "z0", "rest"]
-    assert dict(start_parameters(modelica(LAG), names)) == {"y0": ("y",)}
+    assert dict(start_parameters(exported(LAG), names)) == {"y0": ("y",)}
 
 
-def test_a_value_for_each_recording(modelica: Callable[[str], Model], rng: np.random.Generator):
+def test_a_value_for_each_recording(exported: Callable[[str], Model], rng: np.random.Generator):
     recordings = [lag(rng, "empty", 2.0, 0.0), lag(rng, "loaded", 3.5, 1.0)]
-    fit = aero_bayes.fit(recordings, modelica(LAG), parameters=SEARCHED, settings=LOCAL, workers=0)
+    fit = aero_bayes.fit(recordings, exported(LAG), parameters=SEARCHED, settings=LOCAL, workers=0)
     assert [n for n in fit.parameters if n.startswith("gain")] == ["gain@empty", "gain@loaded"]
     for name, truth in (("gain@empty", 2.0), ("gain@loaded", 3.5), ("tau", 4.0)):
         assert abs(fit[name].value - truth) < 4.0 * (fit[name].sd or 0.0)
@@ -62,22 +62,22 @@ def test_a_value_for_each_recording(modelica: Callable[[str], Model], rng: np.ra
     assert other.outputs["y"][-1] == pytest.approx(2.75, rel=0.01)
 
 
-def test_posterior_has_each(modelica: Callable[[str], Model], rng: np.random.Generator):
+def test_posterior_has_each(exported: Callable[[str], Model], rng: np.random.Generator):
     recordings = [lag(rng, "a", 2.0, 0.0), lag(rng, "b", 3.5, 1.0)]
-    fit = aero_bayes.fit(recordings, modelica(LAG), parameters=SEARCHED, settings=LOCAL, workers=0)
+    fit = aero_bayes.fit(recordings, exported(LAG), parameters=SEARCHED, settings=LOCAL, workers=0)
     posterior = aero_bayes.sample(fit, settings=aero_bayes.SampleSettings(max_steps=300), workers=0)
     assert posterior["gain@b"].value == pytest.approx(3.5, rel=0.01)
     assert posterior["gain@a"].value == pytest.approx(2.0, rel=0.01)
 
 
-def test_an_initial_value_is_fitted_as_the_parameter_it_is(modelica: Callable[[str], Model], rng: np.random.Generator):
+def test_an_initial_value_is_fitted_as_the_parameter_it_is(exported: Callable[[str], Model], rng: np.random.Generator):
     recording = lag(rng, "run", 2.0, 7.0)
-    fit = aero_bayes.fit(recording, modelica(LAG), parameters=["tau", "gain", "y0"], settings=LOCAL, workers=0)
+    fit = aero_bayes.fit(recording, exported(LAG), parameters=["tau", "gain", "y0"], settings=LOCAL, workers=0)
     assert fit["y0"].value == pytest.approx(6.0, abs=0.03)  # y starts at y0 + 1
     assert str(fit["y0"].status) == "identified"
     assert "y_start" not in fit.parameters
     several = [recording, lag(rng, "cold", 2.0, -3.0)]
-    both = aero_bayes.fit(several, modelica(LAG), parameters=["tau", "gain", "y0"], settings=LOCAL, workers=0)
+    both = aero_bayes.fit(several, exported(LAG), parameters=["tau", "gain", "y0"], settings=LOCAL, workers=0)
     assert both["y0@run"].value == pytest.approx(6.0, abs=0.03)
     assert both["y0@cold"].value == pytest.approx(-4.0, abs=0.03)
     # another recording starts at its own first readings
@@ -96,12 +96,12 @@ def test_written_model_says_what_it_holds(tmp_path: Path, rng: np.random.Generat
     assert "gain@b = " in written.remarks["gain"]
 
 
-def test_parts_of_a_recording_share_its_value(modelica: Callable[[str], Model], rng: np.random.Generator):
+def test_parts_of_a_recording_share_its_value(exported: Callable[[str], Model], rng: np.random.Generator):
     whole = lag(rng, "empty", 2.0, 0.0)
     # No sample around a change of the input: the recording is cut there.
     keep = (whole.time < 18.0) | (whole.time > 22.0)
     recordings = [whole.rows_where(keep, "empty"), lag(rng, "loaded", 3.5, 1.0)]
-    fit = aero_bayes.fit(recordings, modelica(LAG), parameters=SEARCHED, settings=LOCAL, workers=0)
+    fit = aero_bayes.fit(recordings, exported(LAG), parameters=SEARCHED, settings=LOCAL, workers=0)
     parts = fit.calibration.data.recordings
     assert len(parts) == 3
     assert screened(parts, fit.calibration.model) == parts  # what was mended is not mended again

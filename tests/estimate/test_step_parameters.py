@@ -41,9 +41,9 @@ def stepped(rng: np.random.Generator, gain: float) -> Recording:
 
 @pytest.mark.parametrize(("gain", "low", "high"), [(1.0, 0.1, 1.0), (3.0, 1.0, 3.0)])
 def test_value_of_the_search_is_kept(
-    modelica: Callable[[str], Model], rng: np.random.Generator, gain: float, low: float, high: float
+    exported: Callable[[str], Model], rng: np.random.Generator, gain: float, low: float, high: float
 ):
-    model, recording = modelica(BRANCH), stepped(rng, gain)
+    model, recording = exported(BRANCH), stepped(rng, gain)
     settings = FitSettings(calibration=START_AT_READING)
     fit = aero_bayes.fit(recording, model, parameters=["limit", "tau", "idle"], settings=settings, workers=0)
     assert low <= fit["limit"].value <= high
@@ -57,8 +57,8 @@ def test_value_of_the_search_is_kept(
         assert steps["limit"].upper == pytest.approx(1.0, rel=0.01)
 
 
-def test_nothing_better_was_seen_than_what_is_reported(modelica: Callable[[str], Model], rng: np.random.Generator):
-    model, recording = modelica(BRANCH), stepped(rng, 1.0)
+def test_nothing_better_was_seen_than_what_is_reported(exported: Callable[[str], Model], rng: np.random.Generator):
+    model, recording = exported(BRANCH), stepped(rng, 1.0)
     calibration = calibrate(
         [recording], model, parameters_from_model(model, ["limit", "tau"]), settings=START_AT_READING
     )
@@ -72,8 +72,8 @@ def test_nothing_better_was_seen_than_what_is_reported(modelica: Callable[[str],
     assert fit.log_likelihood >= found.log_likelihood - 1.0
 
 
-def test_loop_searches_it_too(modelica: Callable[[str], Model], rng: np.random.Generator, tmp_path):
-    model, recording = modelica(BRANCH), stepped(rng, 1.0)
+def test_loop_searches_it_too(exported: Callable[[str], Model], rng: np.random.Generator, tmp_path):
+    model, recording = exported(BRANCH), stepped(rng, 1.0)
     settings = aero_bayes.LoopSettings(
         parameters=("limit", "tau"), fit=FitSettings(method="local", calibration=START_AT_READING)
     )

@@ -89,9 +89,9 @@ def limiter(time: np.ndarray, u: np.ndarray) -> np.ndarray:
 )
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_no_interval_leaves_the_truth_out(
-    modelica: Callable[[str], Model], text: str, run: Callable[..., np.ndarray], end: float, sd: float, seed: int
+    exported: Callable[[str], Model], text: str, run: Callable[..., np.ndarray], end: float, sd: float, seed: int
 ) -> None:
-    rng, model = np.random.default_rng(seed), modelica(text)
+    rng, model = np.random.default_rng(seed), exported(text)
     time = np.linspace(0.0, end, 501)
     u = np.repeat(rng.choice([-1.0, 0.0, 0.2, 1.0], 26), 20)[:501]
     (output,), inputs = [v.name for v in model.outputs], {v.name: u for v in model.inputs}

@@ -28,8 +28,8 @@ end Line;
 NOISE = 0.1
 
 
-def test_a_range_far_wider_leaves_the_intervals_of_least_squares(modelica):
-    model = modelica(LINE)
+def test_a_range_far_wider_leaves_the_intervals_of_least_squares(exported):
+    model = exported(LINE)
     rng = np.random.default_rng(17)
     time = 0.1 * np.arange(400)
     u = np.repeat(rng.uniform(-1.0, 1.0, 100), 4)

@@ -58,10 +58,10 @@ def hardening(k: float, d: float, cubic: float) -> np.ndarray:
 
 
 @pytest.fixture(scope="module")
-def wrong(modelica):
+def wrong(exported):
     """The default fit of a linear spring to a hardening one, and the readings."""
     readings = hardening(10.0, 0.6, 12.0) + NOISE * np.random.default_rng(4).standard_normal(TIME.size)
-    model = modelica(LINEAR_SPRING)
+    model = exported(LINEAR_SPRING)
     parameters = parameters_from_model(model, overrides={"k": ParameterSpec(), "d": ParameterSpec()})
     settings = FitSettings(
         pso=SwarmSettings(particles=16, iterations=30),
@@ -94,9 +94,9 @@ def test_a_wrong_model_says_so_and_widens_its_intervals(wrong):
     assert np.all(found.laplace.sd[:2] > 1.2 * plain)
 
 
-def test_the_right_model_says_nothing(modelica):
+def test_the_right_model_says_nothing(exported):
     readings = linear(10.0, 0.6) + NOISE * np.random.default_rng(5).standard_normal(TIME.size)
-    model = modelica(LINEAR_SPRING)
+    model = exported(LINEAR_SPRING)
     parameters = parameters_from_model(model, overrides={"k": ParameterSpec(), "d": ParameterSpec()})
     settings = FitSettings(method="local", calibration=CalibrationSettings(delay="none", may_start_at_rest=()))
     recording = Recording("spring", TIME, {"u": LEVELS}, {"x": readings})
