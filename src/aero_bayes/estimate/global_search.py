@@ -187,11 +187,11 @@ class GlobalSearch:
 
     def run(
         self, free: Sequence[int], open_simulator: OpenSimulator, rng: np.random.Generator,
-        known: pso.SwarmResult | None = None, start: FloatArray | None = None,
+        known: pso.SwarmResult | None = None,
     ) -> GlobalSearchResult:  # fmt: skip
         """Search for the optimum over the free columns."""
         parameters, swarm = self.objective.parameters, None
-        start = parameters.to_search(parameters.start) if start is None else start
+        start = parameters.to_search(parameters.start)
         if self.settings.swarm is not None and len(free):
             start, swarm = self._explore(start, free, open_simulator, rng, known)
         steady = [j for j in free if j not in delay_columns(self.objective, free)]

@@ -75,7 +75,6 @@ class Optimum:
     noise: Mapping[str, OutputNoise]
     log_likelihood: float
     log_prior: float
-    log_evidence: float
     covariance: FloatArray
     evaluation: Evaluation
     whitened: Whitened
@@ -92,8 +91,11 @@ class Optimum:
 
         By Laplace's approximation (MacKay, 1992, Neural Computation 4, 415)."""
         curvature = parameters.prior_curvature(parameters.prior_derivatives(self.coordinates)[1], self.free)
-        covariance, occam = _laplace(self.whitened.information / temperature + curvature, parameters, self.free)
-        return covariance, self.log_likelihood / temperature + self.log_prior + occam
+        columns, hessian = list(self.free), self.whitened.information / temperature + curvature
+        low, high = (bound[columns] for bound in parameters.box)
+        volume = 0.5 * (len(columns) * math.log(2.0 * math.pi) - log_precision(hessian, high - low))
+        covariance = parameter_covariance(hessian, parameters.prior_sd()[columns])
+        return covariance, self.log_likelihood / temperature + self.log_prior + volume
 
 
 @dataclass(frozen=True, eq=False)
@@ -291,14 +293,6 @@ def _scaled(hessian: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     return unit, np.maximum(values, MIN_EIGENVALUE * max(float(values[-1]), 1.0)), vectors
 
 
-def _laplace(hessian: FloatArray, parameters: ParameterSet, free: Sequence[int]) -> tuple[FloatArray, float]:
-    """Compute the covariance of the Gaussian approximation over the free columns, and the logarithm of its volume."""
-    columns = list(free)
-    low, high = (bound[columns] for bound in parameters.box)
-    volume = 0.5 * (len(columns) * math.log(2.0 * math.pi) - log_precision(hessian, high - low))
-    return parameter_covariance(hessian, parameters.prior_sd()[columns]), volume
-
-
 _NO_START = (
     "the model cannot be simulated at the values where a fit starts: {}; a plant that is unstable without its "
     "controller needs the controller in the model"
@@ -335,11 +329,10 @@ def local_fit(
     if found.quadratic is None:
         raise CannotFinishError(_NO_START.format(objective.commonest_failure))
     here = found.quadratic
-    covariance, occam = _laplace(here.hessian, objective.parameters, free)
-    level = here.whitened.log_likelihood
+    covariance = parameter_covariance(here.hessian, objective.parameters.prior_sd()[list(free)])
     return Optimum(
-        tuple(free), cost_function.full(found.point), dict(here.noise), level, here.log_prior,
-        level + here.log_prior + occam, covariance, here.evaluation, here.whitened, found.reason, found.iterations,
+        tuple(free), cost_function.full(found.point), dict(here.noise), here.whitened.log_likelihood, here.log_prior,
+        covariance, here.evaluation, here.whitened, found.reason, found.iterations,
     )  # fmt: skip
 
 

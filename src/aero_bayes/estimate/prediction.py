@@ -40,8 +40,6 @@ class Predictive:
     lower: FloatArray
     median: FloatArray
     upper: FloatArray
-    fit_lower: FloatArray
-    fit_upper: FloatArray
     draw_time: FloatArray
     draws: FloatArray
     block_edges: FloatArray
@@ -102,11 +100,9 @@ def _summarise(
     """Summarise readings by bands and draws."""
     _, n, m = outputs.shape
     lower, median, upper = np.empty((n, m)), np.empty((n, m)), np.empty((n, m))
-    fit_lower, fit_upper = np.empty((n, m)), np.empty((n, m))
     variance = np.broadcast_to(np.mean(sd**2, axis=0), (n, m))
     for first in range(0, n, 4000):
         part = outputs[:, first : first + 4000].astype(np.float64)
-        fit_lower[first : first + 4000], fit_upper[first : first + 4000] = np.quantile(part, [0.05, 0.95], axis=0)
         spread = factors * np.sqrt(variance[first : first + 4000] + part.var(axis=0))
         centre = part.mean(axis=0)
         median[first : first + 4000] = centre
@@ -114,10 +110,7 @@ def _summarise(
     chosen = np.unique(np.linspace(0, n - 1, min(_STORED, n)).astype(np.int64))
     draws = outputs[:, chosen].astype(np.float64) + noise(chosen)
     bounds = edges(n, blocks)
-    return Predictive(
-        time, lower, median, upper, fit_lower, fit_upper, time[chosen], draws,
-        time[np.minimum(bounds, n - 1)], density,
-    )  # fmt: skip
+    return Predictive(time, lower, median, upper, time[chosen], draws, time[np.minimum(bounds, n - 1)], density)
 
 
 #: Sample times of which whole draws are kept, and draws that are simulated at a time.
@@ -405,7 +398,7 @@ class FittedResult(ABC):
         Returns
         -------
         RecordingPrediction
-            Median, 90 % bands with noise and without, and how the readings lie in them. The band is as wide as noise
+            Median and 90 % band, noise included, and how the readings lie in it. The band is as wide as noise
             and parameters make it, and wider where the fit missed readings that were left out of it.
 
         Raises
