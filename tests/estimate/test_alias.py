@@ -14,7 +14,7 @@ from scipy.signal import cont2discrete, dlsim
 from aero_bayes.data import Recording
 from aero_bayes.estimate import CalibrationSettings, ParameterSpec, parameters_from_model
 from aero_bayes.estimate.calibration import calibrate
-from aero_bayes.estimate.global_search import GlobalSearch, GlobalSearchResult
+from aero_bayes.estimate.global_search import GlobalSearch
 from aero_bayes.estimate.interpolation import choose_interpolation
 from aero_bayes.estimate.levenberg_marquardt import FitSettings
 from aero_bayes.estimate.objective import Objective
@@ -64,8 +64,7 @@ def test_a_resonance_is_not_taken_for_its_alias(exported):
             for at in (there, held.parameters.start)
         )
         assert alias.log_likelihood > near.log_likelihood + 100.0
-        result = GlobalSearchResult(alias, None, (), 0)
-        found = choose_interpolation(search, result, partial(open_simulator, workers=0), np.random.default_rng(1))
+        found = choose_interpolation(search, alias, partial(open_simulator, workers=0), np.random.default_rng(1))
     assert found is not None
     calibration, optimum = found
     assert calibration.data.interpolation == {"u": "linear"}

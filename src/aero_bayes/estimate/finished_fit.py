@@ -10,10 +10,10 @@ import numpy as np
 from aero_bayes.arrays import FloatArray
 from aero_bayes.display import with_unit
 from aero_bayes.estimate.delays import settle_blind
-from aero_bayes.estimate.global_search import GlobalSearch, GlobalSearchResult
+from aero_bayes.estimate.global_search import GlobalSearch
 from aero_bayes.estimate.identifiability import NO_DERIVATIVE, OPEN_ENDS, Identifiability, Status, assess
 from aero_bayes.estimate.laplace import Laplace, curvature_adjustment, noise_covariance, widened_covariance
-from aero_bayes.estimate.levenberg_marquardt import FitSettings, LocalSettings, Stop
+from aero_bayes.estimate.levenberg_marquardt import LocalSettings, Stop
 from aero_bayes.estimate.local_fit import Optimum
 from aero_bayes.estimate.objective import Evaluation, Objective
 from aero_bayes.estimate.other_tools import structure_warnings
@@ -184,9 +184,11 @@ def at_optimum(fit: Fit, objective: Objective, end: Optimum) -> Fit:
     )  # fmt: skip
 
 
-def finished_fit(search: GlobalSearch, result: GlobalSearchResult, settings: FitSettings, seconds: float) -> Fit:
-    """Make the fit of an optimum, with identifiability and covariance under the data's noise for any cost minimised."""
-    objective, here = search.objective, result.optimum
+def finished_fit(search: GlobalSearch, here: Optimum, seconds: float, first: GlobalSearch | Fit | None = None) -> Fit:
+    """Make the fit of an optimum, with identifiability and covariance under the data's noise for any cost minimised.
+
+    Swarm, stages and work that are told are those of the ``first`` search or fit, where this one continues it."""
+    objective, settings, first = search.objective, search.settings, first or search
     calibration = objective.calibration
     if settings.cost != "posterior":
         search = GlobalSearch(objective, replace(settings, cost="posterior", local=LocalSettings(iterations=0)))
@@ -222,10 +224,10 @@ def finished_fit(search: GlobalSearch, result: GlobalSearchResult, settings: Fit
         log_posterior=likelihood + float(part.log_prior(point[None, list(sampled)])[0]),
         fitted=fitted,
         residuals=tuple(y - f for y, f in zip(calibration.data.readings, fitted, strict=True)),
-        stages=result.stages,
-        swarm=result.swarm,
-        iterations=result.iterations,
-        start_levels=result.start_levels,
+        stages=first.stages,
+        swarm=first.swarm,
+        iterations=first.iterations,
+        start_levels=first.start_levels,
         outcomes={o: int(objective.outcomes[o]) for o in Outcome},
         warnings=(here.reason.value,) if interrupted else (*told, *unit_warnings(part, values[list(sampled)])),
         seconds=seconds,

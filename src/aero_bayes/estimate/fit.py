@@ -22,7 +22,7 @@ from aero_bayes.estimate.calibrated_model import ValueCombination, combinations,
 from aero_bayes.estimate.calibration import Calibration, calibrate
 from aero_bayes.estimate.feedback import with_feedback
 from aero_bayes.estimate.finished_fit import finished_fit, with_identified
-from aero_bayes.estimate.global_search import GlobalSearch, GlobalSearchResult
+from aero_bayes.estimate.global_search import GlobalSearch
 from aero_bayes.estimate.held_starts import with_start_finding
 from aero_bayes.estimate.held_values import with_held_beside
 from aero_bayes.estimate.initial_states import screened
@@ -40,6 +40,7 @@ from aero_bayes.estimate.parameters import ChosenParameters, ParameterSet, Param
 from aero_bayes.estimate.priors import LogNormal
 from aero_bayes.estimate.result import Fit
 from aero_bayes.estimate.simulation_error import sharper_model, with_simulation_error
+from aero_bayes.estimate.swarm import SwarmResult
 from aero_bayes.parallel import ParallelMap, Task
 from aero_bayes.progress import Progress, Watched, watching
 from aero_bayes.simulation.interface import Outcome, Problem, Simulator
@@ -286,7 +287,7 @@ def _without_outliers(
             with opened(cleaned.problem()) as simulator:
                 objective = objective_of(cleaned, simulator, result_cache=cache)
                 search, start = GlobalSearch(objective, settings, progress), cleaned.parameters.to_search(found.values)
-                found = _continued(found, search, search.refit(start, found.free, found.noise), settings)
+                found = _continued(found, search, search.refit(start, found.free, found.noise))
         structured = {o for o in removed if found.noise[o].model_error or is_correlated(found.series, found.optimum, o)}
         if not structured:
             return found
@@ -311,19 +312,18 @@ def _with_noise_kinds(first: Fit, opened: OpenSimulator, settings: FitSettings, 
         found = refit_with_spread(GlobalSearch(objective, settings, progress), first.optimum, models)
         if found is None:
             return first
-        again = _continued(first, *found, settings)
+        again = _continued(first, *found)
     return replace(again, seconds=first.seconds + time.perf_counter() - began, sensors=first.sensors)
 
 
-def _continued(first: Fit, search: GlobalSearch, optimum: Optimum, settings: FitSettings) -> Fit:
+def _continued(first: Fit, search: GlobalSearch, optimum: Optimum) -> Fit:
     """Return the fit at the optimum of a refit, with the work of the first fit counted in."""
-    result = GlobalSearchResult(optimum, first.swarm, first.stages, search.iterations, first.start_levels)
-    again = finished_fit(search, result, settings, first.seconds)
+    again = finished_fit(search, optimum, first.seconds, first)
     return replace(
         again,
         modes=first.modes,
         trials=first.trials,
-        iterations=first.iterations + again.iterations,
+        iterations=first.iterations + search.iterations,
         outcomes={o: again.outcomes.get(o, 0) + first.outcomes.get(o, 0) for o in Outcome},
     )
 
@@ -344,26 +344,26 @@ def fit_calibration(
         # Simulations occupy every core; BLAS threads for matrices of a dozen rows would only fight them for it.
         stack.enter_context(threadpool_limits(limits=1, user_api="blas"))
         simulator = stack.enter_context(open_simulator(calibration.problem()))
-        search = GlobalSearch(objective_of(calibration, simulator, result_cache=checkpoint), settings, progress)
+        first = search = GlobalSearch(objective_of(calibration, simulator, result_cache=checkpoint), settings, progress)
         free = tuple(j for j, p in enumerate(calibration.parameters) if not p.free_if_identified)
-        result = search.run(free, open_simulator, rng)
+        here = search.run(free, open_simulator, rng)
         chosen = settings.calibration.interpolation == "auto" and not search.progress.asked_to_end
-        linear = choose_interpolation(search, result, open_simulator, rng) if chosen else None
+        linear = choose_interpolation(search, here, open_simulator, rng) if chosen else None
         if linear is not None:
             simulator = stack.enter_context(open_simulator(linear[0].problem()))
             search = GlobalSearch(search.objective.with_calibration(linear[0], simulator), settings)
-            result = replace(result, optimum=search.refit(linear[1].coordinates, free, linear[1].noise))
-        wider = with_identified(search.objective, result.optimum)
+            here = search.refit(linear[1].coordinates, free, linear[1].noise)
+        wider = with_identified(search.objective, here)
         if wider != free:
-            optimum = search.refit(result.optimum.coordinates, wider, result.optimum.noise)
-            result = replace(result, optimum=optimum, iterations=search.iterations)
-        found = finished_fit(search, result, settings, time.perf_counter() - began)
-        return found if settings.method != "pso+local" else replace(found, modes=_modes(search, found, result))
+            here = search.refit(here.coordinates, wider, here.noise)
+            first.iterations = search.iterations
+        found = finished_fit(search, here, time.perf_counter() - began, first)
+        swarm = first.swarm if found.free == here.free else None
+        return found if settings.method != "pso+local" else replace(found, modes=_modes(search, found, swarm))
 
 
-def _modes(search: GlobalSearch, found: Fit, result: GlobalSearchResult) -> tuple[Mode, ...]:
+def _modes(search: GlobalSearch, found: Fit, swarm: SwarmResult | None) -> tuple[Mode, ...]:
     """Find other optima that fit as well, where the cost is a posterior and no filter's."""
     if search.settings.cost != "posterior" or search.objective.filters or search.progress.asked_to_end:
         return ()
-    swarm = result.swarm if found.free == result.optimum.free else None
     return find_modes(search, found.optimum, swarm)

@@ -128,19 +128,10 @@ class StageReport(Stage):
         )  # fmt: skip
 
 
-@dataclass(frozen=True, eq=False)
-class GlobalSearchResult:
-    """The optimum, with the swarm, the stages, and the log-posteriors of the local fits from several starts."""
-
-    optimum: Optimum
-    swarm: pso.SwarmResult | None
-    stages: tuple[StageReport, ...]
-    iterations: int
-    start_levels: tuple[float, ...] = ()
-
-
 class GlobalSearch:
-    """A global search of one objective, with the kind of noise that each output may have."""
+    """A global search of one objective, with the kind of noise that each output may have.
+
+    It tells its swarm, its stages, and the log-posteriors of the local fits from several starts."""
 
     def __init__(self, objective: Objective, settings: FitSettings, progress: Progress | None = None) -> None:
         self.objective, self.settings = objective, settings
@@ -148,7 +139,8 @@ class GlobalSearch:
         calibration = objective.calibration
         self.kinds: dict[str, NoiseKind] = {o: self._kind(o) for o in calibration.data.outputs}
         self.white_outputs: set[str] = set()
-        self.stages: list[StageReport] = []
+        self.swarm: pso.SwarmResult | None = None
+        self.stages: tuple[StageReport, ...] = ()
         self.iterations = 0
         self.seen: list[FloatArray] = []
         self.start_levels: tuple[float, ...] = ()
@@ -188,12 +180,12 @@ class GlobalSearch:
     def run(
         self, free: Sequence[int], open_simulator: OpenSimulator, rng: np.random.Generator,
         known: pso.SwarmResult | None = None,
-    ) -> GlobalSearchResult:  # fmt: skip
+    ) -> Optimum:  # fmt: skip
         """Search for the optimum over the free columns."""
-        parameters, swarm = self.objective.parameters, None
+        parameters = self.objective.parameters
         start = parameters.to_search(parameters.start)
         if self.settings.swarm is not None and len(free):
-            start, swarm = self._explore(start, free, open_simulator, rng, known)
+            start = self._explore(start, free, open_simulator, rng, known)
         steady = [j for j in free if j not in delay_columns(self.objective, free)]
         rough = self.local_settings.with_limits(12, 1.0)
         self.progress("local", 0.0, 0.0)
@@ -208,8 +200,8 @@ class GlobalSearch:
         here = self._search_delays(here, free)
         here = self._best_of_seen(self.settle_noise(here))
         whole = Stage(tuple(parameters.names[j] for j in free), self.objective.outputs)
-        self.stages.append(StageReport.of(whole, self.objective, here))
-        return GlobalSearchResult(here, swarm, tuple(self.stages), self.iterations, self.start_levels)
+        self.stages += (StageReport.of(whole, self.objective, here),)
+        return here
 
     def refit(
         self, start: FloatArray, free: Sequence[int], noise: Mapping[str, OutputNoise], *, hold_noise: bool = False
@@ -309,7 +301,7 @@ class GlobalSearch:
     def _explore(
         self, start: FloatArray, free: Sequence[int], open_simulator: OpenSimulator, rng: np.random.Generator,
         known: pso.SwarmResult | None,
-    ) -> tuple[FloatArray, pso.SwarmResult]:  # fmt: skip
+    ) -> FloatArray:  # fmt: skip
         """Search the whole box on a cheaper problem: a swarm, then local fits from its best particles and the start.
 
         This is a multi-start search; one more start comes from fitting progressively longer horizons."""
@@ -333,7 +325,7 @@ class GlobalSearch:
                 return pack(found, "")
 
             key = (start, tuple(free), self.settings.cost, self.settings.swarm, rng.bit_generator.state)
-            swarm = known or unpack(
+            swarm = self.swarm = known or unpack(
                 pso.SwarmResult,
                 reduced_objective.cached("swarm", key, run_swarm, lambda: not self.progress.asked_to_end),
                 "",
@@ -352,7 +344,7 @@ class GlobalSearch:
                 starts.append(point)
                 self.iterations += steps
             best = self._best_local_fit(reduced_objective, starts, free)
-        return best.coordinates, swarm
+        return best.coordinates
 
     def _best_local_fit(self, objective: Objective, starts: Sequence[FloatArray], free: Sequence[int]) -> Optimum:
         """Choose the best of several local fits with white noise."""
@@ -386,7 +378,7 @@ class GlobalSearch:
         if not own or not part.series:
             return point
         found = self._local_fit(point, own, self._held_noise, self.local_settings.with_limits(20, 0.5), part)
-        self.stages.append(StageReport.of(stage, part, found))
+        self.stages += (StageReport.of(stage, part, found),)
         return found.coordinates
 
     def _search_delays(self, here: Optimum, free: Sequence[int]) -> Optimum:

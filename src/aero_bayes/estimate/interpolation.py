@@ -12,7 +12,7 @@ from aero_bayes.data.recording import Recording, to_experiment
 from aero_bayes.errors import CannotFinishError
 from aero_bayes.estimate import swarm as pso
 from aero_bayes.estimate.calibration import Calibration
-from aero_bayes.estimate.global_search import GlobalSearch, GlobalSearchResult
+from aero_bayes.estimate.global_search import GlobalSearch
 from aero_bayes.estimate.local_fit import GOOD_FIT_RATIO, OpenSimulator, Optimum, floor_ratio
 from aero_bayes.estimate.measured_data import MeasuredData
 from aero_bayes.simulation.interface import Interpolation
@@ -78,20 +78,20 @@ def first_moves_in(calibration: Calibration, new: Mapping[int, Recording]) -> tu
 
 
 def choose_interpolation(
-    search: GlobalSearch, result: GlobalSearchResult, open_simulator: OpenSimulator, rng: np.random.Generator
+    search: GlobalSearch, here: Optimum, open_simulator: OpenSimulator, rng: np.random.Generator
 ) -> tuple[Calibration, Optimum] | None:
     """Choose the likelier interpolation of each input, hold or linear; None if no input changes.
 
     With inputs that hold, a fit can have a wrong optimum, such as a resonance above the Nyquist frequency that appears
     at the samples as an alias below it."""
-    before, here = search.objective.calibration, result.optimum
+    before = search.objective.calibration
     moving = _moving_anywhere(before)
     if not moving:
         return None
     linear = with_interpolation(before, dict.fromkeys(moving, "linear"))
     # It may be at a wrong optimum: the other interpolation then starts anew.
     far = floor_ratio(search.objective, here.evaluation.residual) > GOOD_FIT_RATIO
-    found = _better_fit(search, here, linear, open_simulator, (rng, result.swarm) if far else None)
+    found = _better_fit(search, here, linear, open_simulator, (rng, search.swarm) if far else None)
     best, here = (before, here) if found is None else (linear, found)
     for name in moving if len(moving) > 1 else ():
         other = with_interpolation(best, {name: "hold" if best.data.interpolation[name] == "linear" else "linear"})
@@ -112,7 +112,7 @@ def _better_fit(
         study = search.objective.with_calibration(other, simulator)
         if anew is not None:
             with suppress(CannotFinishError):
-                found = GlobalSearch(study, search.settings).run(here.free, open_simulator, *anew).optimum
+                found = GlobalSearch(study, search.settings).run(here.free, open_simulator, *anew)
                 if found.log_likelihood > enough:
                     return found
         found = GlobalSearch(study, search.settings).refit(here.coordinates, here.free, here.noise)

@@ -21,7 +21,7 @@ from aero_bayes.display import SettingsDisplay
 from aero_bayes.estimate.calibration import Calibration, calibrate, for_recordings
 from aero_bayes.estimate.finished_fit import finished_fit
 from aero_bayes.estimate.fit import declared_overrides, fit
-from aero_bayes.estimate.global_search import GlobalSearch, GlobalSearchResult
+from aero_bayes.estimate.global_search import GlobalSearch
 from aero_bayes.estimate.held_values import with_held_beside
 from aero_bayes.estimate.initial_states import with_free_starts
 from aero_bayes.estimate.levenberg_marquardt import FitSettings
@@ -335,8 +335,7 @@ def refitted(
         search = GlobalSearch(objective, context.settings.fitting)
         point = objective.parameters.to_search(values)
         end = search.refit(point, like.free, like.noise, hold_noise=hold_noise)
-        result = GlobalSearchResult(end, None, (), search.iterations)
-        found = finished_fit(search, result, context.settings.fitting, time.perf_counter() - began)
+        found = finished_fit(search, end, time.perf_counter() - began)
     return with_held_beside(found, context.open)
 
 
