@@ -13,7 +13,8 @@ give the parameter's unit. The sizes (<code>f_n</code>, <code>v_n</code>, ...) a
 <li><code>annotation (__aero_bayes(refines = \"coulomb_friction\"))</code> marks a finer law of another one, <code>__aero_bayes(not_for = \"K A\")</code> one that makes no sense
 for a temperature, nor where a current flows.</li>
 <li><code>__aero_bayes(both_signs = \"v\")</code> marks a law that only a signal of both signs shows, <code>__aero_bayes(nonnegative = \"h\")</code> one that only a signal
-that never falls below zero can have, <code>__aero_bayes(delay = \"T_d\")</code> one that delays its input by <code>T_d</code> and does nothing else.</li>
+that never falls below zero can have, <code>__aero_bayes(absolute = \"v\")</code> one that needs the motion of one body,
+<code>__aero_bayes(threshold = \"r\")</code> one that acts only beyond <code>r</code>, <code>__aero_bayes(learned = \"v\")</code> a curve over <code>v</code>, <code>__aero_bayes(delay = \"T_d\")</code> one that delays its input by <code>T_d</code> and does nothing else.</li>
 <li><code>__aero_bayes(memory = \"rate_limit\")</code> or <code>\"play\"</code> marks a law of these two, by the parameters of <b>Inputs.RateLimit</b> or <b>Inputs.Hysteresis</b>
 in their order: a search applies it to the recorded input without its rounding. <code>__aero_bayes(memory = \"delay\")</code> marks a law that delays a reading by
 its only parameter: a search reads a state as it was before, exactly.</li>

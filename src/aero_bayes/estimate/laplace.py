@@ -120,7 +120,8 @@ MIN_INFORMATION_LEFT = 0.5
 def jackknife_covariance(series: Sequence[Series], slopes: FloatArray, residual: FloatArray) -> FloatArray:
     """Compute the covariance of least-squares estimates by leaving out moving blocks of time, all outputs together.
 
-    Without a block the estimates move, to first order, by ``(I - S_b S_b')^-1 S_b r_b``. Blocks are whole recordings
+    Slopes ``S`` (p, N) are scaled to unit information, ``S S' = I``, so that without a block the estimates move, to
+    first order, by ``(I - S_b S_b')^-1 S_b r_b``. Blocks are whole recordings
     where there are ten or more."""
     recordings = sorted({s.experiment for s in series})
     count = max(round(STEPS * JACKKNIFE_BLOCKS / len(recordings)), STEPS)

@@ -7,7 +7,7 @@ score is, for each output, the geometric mean of both ratios to the first model;
 
 1. A term is *material* if it improves the best structure without it: the score of an output falls by a quarter (with a
    curve beside other terms by a third), clearly, and each witness of that output by a tenth. No witness of any other
-   output rises.
+   output rises by 2 %.
 2. A structure is *admissible* if each of its terms is material, at most one is a curve, ten training readings come on
    each free parameter, and no structure within it validates better. Two terms may explain what neither does alone;
    three or more are admissible only if they are so without one of them (heredity), since some set fits by chance.

@@ -135,7 +135,7 @@ class Table:
     def material(self, one: Terms, other: Terms, share: float = MATERIAL) -> bool:
         """Whether one structure is clearly better, and by so much that it is worth a sentence.
 
-        In an output the error falls to a share, and each witness falls; in none does a witness rise."""
+        In an output the error falls to a share, and each witness falls; in none does a witness rise by 2 %."""
         change = np.where(self._confirmed > 0.0, self.witnesses(one) - self.witnesses(other), -math.inf)
         falls = self.by_output(one) - self.by_output(other) <= math.log(share)
         falls &= np.all(change <= math.log(BOTH), axis=0)
