@@ -86,17 +86,55 @@ def table(errors, validation=None, **given):
     return Table(("y",), np.array([1e-12]), ports, given.get("refines", {}), curves, rows)
 
 
-def test_the_smallest_size_that_no_larger_one_materially_beats_is_the_model():
-    found = decide(table({"": 1.0, "a@u": 0.5, "b@v": 0.9, "a@u b@v": 0.3}))
-    assert found.model == ("a@u", "b@v")
-    assert decide(table({"": 1.0, "a@u": 0.5, "b@v": 0.9, "a@u b@v": 0.45})).model == ("a@u",)
-    assert decide(table({"": 1.0, "a@u": 0.8, "b@v": 0.9})).model == ()
+TWO = {"": 1.0, "a@u": 0.5, "b@v": 0.9}
+CURVED = {"": 1.0, "curve@v": 0.5, "curve@v b@u": 0.2}
+THREE = {"": 1.0, "a@u": 0.5, "b@v": 0.9, "c@w": 0.9, "a@u b@v": 0.48, "a@u c@w": 0.48, "b@v c@w": 0.8}
+#: Errors of structures, those on validation readings where they differ, and the model.
+MODELS = {
+    "two terms that explain more": ({**TWO, "a@u b@v": 0.3}, {}, "a@u b@v"),
+    "two terms that explain little more": ({**TWO, "a@u b@v": 0.45}, {}, "a@u"),
+    "nothing material": ({"": 1.0, "a@u": 0.8, "b@v": 0.9}, {}, ""),
+    "a law nearly as good as a curve": ({"": 1.0, "curve@u": 0.4, "a@v": 0.47}, {}, "a@v"),
+    "a curve far better than a law": ({"": 1.0, "curve@u": 0.4, "a@v": 0.7}, {}, "curve@u"),
+    "the other witness is against the best": ({"": 1.0, "a@u": 0.40, "b@v": 0.5}, {"a@u": 1.3}, "b@v"),
+    "the other witness is against all": ({"": 1.0, "a@u": 0.40, "b@v": 0.5}, {"a@u": 0.95, "b@v": 0.95}, ""),
+    "one witness alone": ({"": 1.0, "a@u": 0.95}, {"a@u": 0.3}, ""),
+    "the best by both": ({"": 1.0, "a@u": 0.5, "b@v": 0.55}, {}, "a@u"),
+    "the best by both, not by one": ({"": 1.0, "a@u": 0.5, "b@v": 0.55}, {"a@u": 0.7, "b@v": 0.3}, "b@v"),
+    "two alone and together": ({"": 1.0, "a@u": 0.5, "b@v": 0.45, "a@u b@v": 0.2}, {}, "a@u b@v"),
+    "one within it validates better": (
+        {"": 1.0, "a@u": 0.5, "b@v": 0.45, "a@u b@v": 0.2}, {"a@u": 0.3, "b@v": 0.5, "a@u b@v": 0.31}, "a@u",
+    ),
+    "three terms of which no two explain": ({**THREE, "a@u b@v c@w": 0.2}, {}, "a@u"),
+    "three terms of which two explain": ({**THREE, "a@u b@v": 0.3, "a@u b@v c@w": 0.2}, {}, "a@u b@v c@w"),
+}  # fmt: skip
 
 
-def test_a_term_is_no_law_where_another_one_does_as_well():
-    assert decide(table({"": 1.0, "a@u": 0.5, "b@v": 0.9})).claims["a@u"].kind == "law"
-    assert decide(table({"": 1.0, "a@u": 0.5, "b@u": 0.6})).claims["a@u"].kind == "place"
-    assert decide(table({"": 1.0, "a@u": 0.5, "a@v": 0.6})).claims["a@u"].kind == "mechanism"
+@pytest.mark.parametrize("name", MODELS)
+def test_the_model_is_chosen_by_size_and_both_witnesses(name):
+    errors, validation, model = MODELS[name]
+    assert decide(table(errors, validation)).model == tuple(model.split())
+
+
+#: Errors of structures, those on validation readings where they differ, and the kind of claim of a term.
+CLAIMS = {
+    "nothing else does as well": (TWO, {}, "a@u", "law"),
+    "another law at the place does": ({"": 1.0, "a@u": 0.5, "b@u": 0.6}, {}, "a@u", "place"),
+    "the law at another place does": ({"": 1.0, "a@u": 0.5, "a@v": 0.6}, {}, "a@u", "mechanism"),
+    "one witness prefers another": ({"": 1.0, "a@u": 0.3, "b@v": 0.8}, {"a@u": 0.6, "b@v": 0.5}, "a@u", "one of"),
+    "a law that helps beside a curve only": ({**CURVED, "b@u": 1.05}, {}, "b@u", "place"),
+    "a law that helps without the curve": ({**CURVED, "b@u": 0.6}, {}, "b@u", "law"),
+    "the curve beside it": ({**CURVED, "b@u": 0.6}, {}, "curve@v", "place"),
+}
+
+
+@pytest.mark.parametrize("name", CLAIMS)
+def test_a_claim_says_what_else_does_as_well(name):
+    errors, validation, term, kind = CLAIMS[name]
+    assert decide(table(errors, validation)).claims[term].kind == kind
+
+
+def test_what_does_as_well_is_listed_with_its_error():
     found = decide(table({"": 1.0, "a@u": 0.5, "b@u": 0.6, "c@v": 0.65})).claims["a@u"]
     assert found.kind == "one of"
     assert dict(found.alternatives) == {"b@u": pytest.approx(1.2, abs=0.01), "c@v": pytest.approx(1.3, abs=0.01)}
@@ -109,56 +147,10 @@ def test_a_finer_law_and_a_curve_at_its_port_say_the_same():
     assert better.share == pytest.approx(0.3, abs=0.01)  # of the error without the term, not with its coarser form
 
 
-def test_a_law_takes_the_place_of_a_curve_that_gains_a_little_more():
-    errors = {"": 1.0, "curve@u": 0.4, "a@v": 0.47}
-    assert decide(table(errors)).model == ("a@v",)
-    assert decide(table({**errors, "a@v": 0.7})).model == ("curve@u",)
-
-
-def test_a_law_that_helps_beside_a_curve_only_is_no_law():
-    errors = {"": 1.0, "curve@v": 0.5, "curve@v b@u": 0.2}
-    assert decide(table({**errors, "b@u": 1.05})).claims["b@u"].kind == "place"
-    assert decide(table({**errors, "b@u": 0.6})).claims["b@u"].kind == "law"
-    assert decide(table({**errors, "b@u": 0.6})).claims["curve@v"].kind == "place"
-
-
-def test_a_term_needs_both_witnesses():
-    errors = {"": 1.0, "a@u": 0.40, "b@v": 0.5}
-    found = decide(table(errors, {"a@u": 1.3}))
-    assert found.model == ("b@v",)
-    assert decide(table(errors, {"a@u": 0.95, "b@v": 0.95})).model == ()
-    assert decide(table({"": 1.0, "a@u": 0.95}, {"a@u": 0.3})).model == ()
-
-
 def test_what_left_out_readings_prefer_and_validation_does_not_is_refused():
     found = decide(table({"": 1.0, "a@u": 0.3, "b@v": 0.5, "c@w": 0.2}, {"a@u": 1.3, "c@w": 1.1}))
     assert found.model == ("b@v",)
     assert found.refused == (("c@w",), ("a@u",))
-
-
-def test_the_best_by_both_witnesses_is_the_model():
-    errors = {"": 1.0, "a@u": 0.5, "b@v": 0.55}
-    assert decide(table(errors)).model == ("a@u",)
-    assert decide(table(errors, {"a@u": 0.7, "b@v": 0.3})).model == ("b@v",)
-
-
-def test_what_one_witness_prefers_is_an_alternative():
-    found = decide(table({"": 1.0, "a@u": 0.3, "b@v": 0.8}, {"a@u": 0.6, "b@v": 0.5}))
-    assert found.model == ("a@u",)
-    assert found.claims["a@u"].kind == "one of"
-    assert [other for other, _ in found.claims["a@u"].alternatives] == ["b@v"]
-
-
-def test_no_structure_validates_worse_than_one_within_it():
-    errors = {"": 1.0, "a@u": 0.5, "b@v": 0.45, "a@u b@v": 0.2}
-    assert decide(table(errors)).model == ("a@u", "b@v")
-    assert decide(table(errors, {"a@u": 0.3, "b@v": 0.5, "a@u b@v": 0.31})).model == ("a@u",)
-
-
-def test_of_three_terms_two_are_admissible_without_the_third():
-    errors = {"": 1.0, "a@u": 0.5, "b@v": 0.9, "c@w": 0.9, "a@u b@v": 0.48, "a@u c@w": 0.48, "b@v c@w": 0.8}
-    assert decide(table({**errors, "a@u b@v c@w": 0.2})).model == ("a@u",)
-    assert decide(table({**errors, "a@u b@v": 0.3, "a@u b@v c@w": 0.2})).model == ("a@u", "b@v", "c@w")
 
 
 def test_a_structure_needs_ten_readings_for_each_parameter():

@@ -22,7 +22,7 @@ from aero_bayes.estimate.sample import sample
 from aero_bayes.estimate.swarm import SwarmSettings
 from aero_bayes.modelica.compilers import export_fmu
 from aero_bayes.simulation.model import Model
-from simulated_rigs.aero import HALF_QUAD, Truth, pivot_friction, simulate_recording
+from simulated_rigs.aero import Truth, simulate_recording
 from simulated_rigs.designs import paper_step
 from simulated_rigs.kinds import AERO
 from simulated_rigs.sensors import SensorNoise, white
@@ -104,23 +104,6 @@ def test_predictive_band_holds_its_share_of_the_readings(posterior: Posterior) -
     measured = posterior.calibration.data.measured[0]
     share = np.mean((measured > band.lower) & (measured < band.upper), axis=0)
     np.testing.assert_allclose(share, 0.9, atol=0.04)
-
-
-def test_a_missing_effect_is_no_noise_and_leaves_the_motor_alone(models: dict[str, Model]) -> None:
-    truth = Truth((pivot_friction(1.5e-3),), 0.006, TRUTH)
-    wrong = fit(recording(truth), models["OneDof"], settings=SETTINGS, workers=1)
-    assert wrong.noise["theta"].model_error
-    assert any("theta" in w for w in wrong.warnings)
-    for name in ("R_a", "c_m", "J_r", "k_d"):
-        assert abs(wrong[name].value - TRUTH[name]) < 5.5 * wrong[name].sd, name
-
-
-def test_pitch_alone_leaves_the_motor_to_its_prior(models: dict[str, Model]) -> None:
-    full = recording(Truth((), 0.006, HALF_QUAD))
-    alone = Recording(full.name, full.time, full.inputs, {"theta": full.outputs["theta"]}, full.units)
-    found = fit(alone, models["HalfQuad"], settings=SETTINGS, workers=1)
-    assert found["R_a"].status is not Status.IDENTIFIED
-    assert found["K_sp"].status is Status.IDENTIFIED
 
 
 @pytest.mark.long

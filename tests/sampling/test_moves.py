@@ -74,8 +74,7 @@ TARGETS = {
 POOR = WarpedStudentT.of(np.array([0.4, 0.2, -0.3]), np.diag([1.5, 1.0, 1.0]), 5.0)
 MOVES: dict[str, Callable[[], list[tuple[object, float]]]] = {
     "independence": lambda: [(IndependenceMove(WarpedStudentT.of(np.full(3, 0.3), 1.5 * np.eye(3), 5.0)), 1.0)],
-    "differential": lambda: [(DifferentialMove(jump=0.3), 1.0)],
-    "stretch": lambda: [(StretchMove(), 1.0)],
+    "differential": lambda: [(DifferentialMove(), 1.0)],
     "delayed acceptance": lambda: [
         (DelayedAcceptanceMove(POOR.log_density, WarpedStudentT.of(np.zeros(3), 2.0 * np.eye(3), 4.0), 6), 1.0)
     ],
@@ -160,21 +159,6 @@ def test_fitted_density_is_that_of_its_draws(curved: bool, axes: np.ndarray) -> 
     assert np.all(np.abs(draws.mean(axis=0) - cell @ grid) < error + 0.02)
 
 
-def test_surrogate_knows_a_smooth_function_between_its_points() -> None:
-    rng = np.random.default_rng(6)
-
-    def value(x: np.ndarray) -> np.ndarray:
-        return 7.0 - 0.5 * np.sum(x**2, axis=1) + 0.4 * x[:, 0] ** 2 * x[:, 1] - 0.1 * x[:, 2] ** 4
-
-    points, fresh = rng.normal(size=(900, 3)), rng.normal(size=(300, 3))
-    level = value(points)
-    plain = WarpedStudentT.of(np.zeros(3), np.eye(3))
-    found = Surrogate.fit(plain, points, level, level.max() - level)
-    inside = np.linalg.norm(fresh, axis=1) < 2.0
-    assert np.max(np.abs(found(fresh) - value(fresh))[inside]) < 0.05
-    assert np.all(found(40.0 * fresh[:20]) < found(fresh[:20]))
-
-
 def test_overlap_is_the_acceptance_of_an_independence_chain() -> None:
     rng = np.random.default_rng(7)
     target, other = Gaussian(np.eye(3)), Gaussian(np.diag([0.6, 0.9, 0.8]))
@@ -229,5 +213,6 @@ def test_surrogate_knows_a_function_with_a_corner() -> None:
     points, fresh = draw(500), draw(400)
     level = value(points)
     found = Surrogate.fit(WarpedStudentT.fit(points), points, level, level.max() - level)
+    assert np.all(found(40.0 * fresh[:20]) < found(fresh[:20]))
     error = np.clip(found(fresh) - value(fresh), -2.0, 2.0)
     assert np.sqrt(np.mean(error**2)) < 0.1  # 0.24 with a smooth kernel alone

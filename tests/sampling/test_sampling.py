@@ -15,7 +15,7 @@ from pathlib import Path
 import interrupted_run
 import numpy as np
 import pytest
-from emcee.moves import MHMove, StretchMove
+from emcee.moves import StretchMove
 from facts import facts
 from scipy import stats
 
@@ -28,7 +28,6 @@ from aero_bayes.estimate.moves import WarpedStudentT
 pytestmark = pytest.mark.long
 
 QUICK = SampleSettings(walkers=16, ess=1500.0, max_rounds=6, max_steps=3000)
-CORRELATED = np.array([[1.0, 0.95, 0.3], [0.95, 1.0, 0.2], [0.3, 0.2, 2.0]])
 
 
 def stretch_only(adaptation: Adaptation, prior: object) -> list[tuple[StretchMove, float]]:
@@ -39,20 +38,6 @@ def off(chain: Chain, quantity: np.ndarray, truth: float) -> float:
     """Error of a mean over its standard error at the chain's smallest effective size."""
     ess = min(chain.worst.ess_bulk, chain.worst.ess_tail)
     return abs(float(np.mean(quantity)) - truth) / float(np.std(quantity) / np.sqrt(ess))
-
-
-def test_correlated_gaussian_has_its_moments_at_few_evaluations() -> None:
-    precision = np.linalg.inv(CORRELATED)
-    start = WarpedStudentT.of(np.array([0.5, 0.5, -1.0]), np.diag([1.0, 0.5, 3.0]))
-    chain = run_chain(lambda x: -0.5 * np.einsum("ni,ij,nj->n", x, precision, x), start, QUICK, 4)
-    assert chain.converged
-    assert chain.worst.tau < 2.0
-    assert chain.evaluations < 4.0 * min(chain.worst.ess_bulk, chain.worst.ess_tail) + 4000
-    x = chain.points.reshape(-1, 3)
-    for i in range(3):
-        assert off(chain, x[:, i], 0.0) < 5.0
-        for j in range(i + 1):
-            assert off(chain, x[:, i] * x[:, j], CORRELATED[i, j]) < 5.5
 
 
 def test_banana_has_its_moments() -> None:
@@ -125,40 +110,6 @@ def test_walkers_that_meet_need_fifty_autocorrelation_times() -> None:
     chain = run_chain(interrupted_run.banana, interrupted_run.PROPOSAL, settings, 3, moves=stretch_only)
     assert not chain.converged
     assert re.search(facts("50"), chain.reason)
-
-
-def test_two_separate_modes_are_not_called_converged() -> None:
-    def modes(x: np.ndarray) -> np.ndarray:
-        return np.logaddexp(-0.5 * ((x[:, 0] - 20) / 0.5) ** 2, -0.5 * ((x[:, 0] + 20) / 0.5) ** 2) - 0.5 * x[:, 1] ** 2
-
-    settings = SampleSettings(walkers=8, burn_in=20, max_rounds=1, max_steps=800)
-    chain = run_chain(modes, WarpedStudentT.of(np.zeros(2), np.diag([400.0, 1.0])), settings, 5, moves=stretch_only)
-    assert not chain.converged
-
-
-class Walk(MHMove):
-    """A user's own move: one method, and the sampler keeps its target."""
-
-    def __init__(self, width: float) -> None:
-        super().__init__(self.propose_from)
-        self.width = width
-
-    def propose_from(self, points: np.ndarray, random: np.random.RandomState) -> tuple[np.ndarray, np.ndarray]:
-        """New points, and by how much the logarithm of their way back exceeds that of their way here."""
-        return points + self.width * random.uniform(-1.0, 1.0, points.shape), np.zeros(len(points))
-
-
-def test_a_move_of_ones_own() -> None:
-    settings = replace(QUICK, ess=1000.0)
-    own = run_chain(
-        interrupted_run.banana,
-        interrupted_run.PROPOSAL,
-        settings,
-        3,
-        moves=lambda adaptation, prior: [(Walk(2.5), 1.0)],
-    )
-    assert own.converged
-    assert off(own, own.points[..., 1], 1.0) < 5.0
 
 
 def test_same_seed_same_chain_and_another_seed_another() -> None:
