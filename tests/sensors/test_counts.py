@@ -7,7 +7,7 @@ import simulated_rigs.aero as bench
 from aero_bayes.estimate import NoiseModel
 from aero_bayes.estimate.fit import fit
 from aero_bayes.estimate.levenberg_marquardt import FitSettings
-from aero_bayes.estimate.noise_estimation import describe_sensors, rounding_error
+from aero_bayes.estimate.noise_estimation import describe_sensors, rounding_error, thin_constant_readings
 from aero_bayes.modelica.compilers import export_fmu
 from aero_bayes.simulation.model import Model
 
@@ -58,3 +58,14 @@ def test_what_rounding_adds_is_told(size):
     found = describe_sensors(["y"], [(time, readings[:, None], signal[:, None])])["y"]["encoder"]
     assert found["step"] == pytest.approx(1.0)
     assert found["share"] == pytest.approx(1 / 12 / (1 / 12 + size**2), rel=0.1)
+
+
+def test_standstill_keeps_three_of_a_long_stretch():
+    time = np.arange(1000) * 0.01
+    values = np.concatenate([np.arange(300.0), np.full(400, 7.0), np.arange(300.0)])
+    values[500] = np.nan
+    use = thin_constant_readings(time, values)
+    assert use[:300].all()
+    assert use[700:].all()
+    assert use[300:700].sum() == 3
+    assert not use[500]

@@ -1,4 +1,4 @@
-"""Whitening against dense algebra, and the noise that a search renews between its steps against known noise."""
+"""Whitening against dense algebra, and estimates of noise, final and renewed between steps, against known noise."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from scipy.stats import multivariate_normal
 
 from aero_bayes.estimate.noise import OutputNoise, SampleTimes
 from aero_bayes.estimate.noise_estimation import (
+    estimate_noise,
     innovations,
     log_density,
     reading_log_density,
@@ -52,7 +53,7 @@ def sampled(kind):
 
 
 def draw(rng, n, interval, noise):
-    phi = np.exp(-interval / noise.tau)
+    phi = np.exp(-interval / noise.tau) if noise.sd_ou else 0.0
     x = np.empty(n)
     x[0] = rng.normal(0, noise.sd_ou)
     for k in range(1, n):
@@ -62,28 +63,21 @@ def draw(rng, n, interval, noise):
 
 @pytest.mark.parametrize("noise", NOISES, ids=str)
 @pytest.mark.parametrize("kind", TIMES)
-def test_inner_products_and_determinant_are_those_of_the_dense_covariance(noise, kind):
+def test_products_density_and_innovations_are_those_of_the_dense_covariance(noise, kind):
     time, values = sampled(kind)
     sampling = SampleTimes.of(time, values)
     seen = values[sampling.index]
     rows = np.stack([seen, seen * 2.0 + 1.0, np.sin(3.0 * time[sampling.index]), np.ones(seen.size)])
     white, log_det = whiten(rows, sampling, noise)
-    factor = np.linalg.cholesky(covariance(time[sampling.index], noise))
+    dense = covariance(time[sampling.index], noise)
+    factor = np.linalg.cholesky(dense)
     np.testing.assert_allclose(white @ white.T, rows @ cho_solve((factor, True), rows.T), rtol=1e-9, atol=1e-8)
     assert log_det == pytest.approx(2.0 * np.sum(np.log(np.diag(factor))), rel=1e-10, abs=1e-8)
-
-
-@pytest.mark.parametrize("noise", NOISES, ids=str)
-@pytest.mark.parametrize("kind", TIMES)
-def test_density_and_innovations_are_those_of_the_dense_covariance(noise, kind):
-    time, values = sampled(kind)
-    seen = np.isfinite(values)
-    dense = covariance(time[seen], noise)
-    expected = multivariate_normal(np.zeros(int(seen.sum())), dense).logpdf(values[seen])
+    expected = multivariate_normal(np.zeros(seen.size), dense).logpdf(seen)
     assert log_density(time, values, noise) == pytest.approx(expected, rel=1e-9, abs=1e-7)
-    one_step = np.linalg.solve(np.linalg.cholesky(dense), values[seen])
-    np.testing.assert_allclose(innovations(time, values, noise)[seen], one_step, atol=1e-8)
-    assert np.isnan(innovations(time, values, noise)[~seen]).all()
+    found = innovations(time, values, noise)
+    np.testing.assert_allclose(found[sampling.index], np.linalg.solve(factor, seen), atol=1e-8)
+    assert np.isnan(found[~np.isfinite(values)]).all()
 
 
 def renewed(time, residual, **more):
@@ -100,11 +94,11 @@ def test_estimate_recovers_the_noise():
     assert 0.4 < found.tau < 1.6
 
 
-def test_estimate_on_white_noise_finds_hardly_any_drift():
-    rng = np.random.default_rng(12)
+@pytest.mark.parametrize("start", [None, OutputNoise(1e-6, 2.0, 0.015)])
+def test_white_noise_has_hardly_any_drift_wherever_the_search_begins(start):
     time = np.arange(6000) * 0.01
-    residual = rng.normal(0, 2.0, time.size)
-    found = renewed(time, residual)
+    residual = np.random.default_rng(12).normal(0, 2.0, time.size)
+    found = renewed(time, residual, start=start)
     gain = log_density(time, residual, found) - log_density(time, residual, OutputNoise(float(residual.std())))
     assert found.sd == pytest.approx(2.0, rel=0.05)
     assert -0.5 < gain < 10.0
@@ -113,13 +107,6 @@ def test_estimate_on_white_noise_finds_hardly_any_drift():
 def test_floor_holds():
     time = np.arange(1000) * 0.01
     assert renewed(time, np.full(1000, 0.3), floor=0.5).sd_white >= 0.5 * (1 - 1e-9)
-
-
-def test_a_bad_start_does_not_matter():
-    rng = np.random.default_rng(14)
-    time = np.arange(6000) * 0.01
-    found = renewed(time, rng.normal(0, 2.0, time.size), start=OutputNoise(1e-6, 2.0, 0.015))
-    assert found.sd_white == pytest.approx(2.0, rel=0.05)
 
 
 def test_noise_may_last_no_longer_than_it_is_allowed():
@@ -146,3 +133,50 @@ def test_densities_of_single_readings_are_those_of_the_dense_covariance():
         for n in (1, 7, 57):
             expected = multivariate_normal(np.zeros(n), dense[:n, :n]).logpdf(r[seen][:n])
             assert f[seen][:n].sum() == pytest.approx(expected, rel=1e-9)
+
+
+@pytest.mark.parametrize("truth", [OutputNoise(0.2), OutputNoise(0.1, 0.4, 0.3), OutputNoise(0.5, 0.4, 2.0)])
+def test_known_noise_is_found_and_its_kind_too(truth: OutputNoise) -> None:
+    rng = np.random.default_rng(7)
+    t = np.arange(6000) * 0.01
+    r = [draw(rng, t.size, 0.01, truth), draw(rng, t.size, 0.01, truth)]
+    found = estimate_noise([t, t], r)
+    assert found.kind == truth.kind
+    assert found.sd_white == pytest.approx(truth.sd_white, rel=0.08)
+    if truth.sd_ou:
+        assert found.sd_ou == pytest.approx(truth.sd_ou, rel=0.35)
+        assert found.tau == pytest.approx(truth.tau, rel=0.7)
+        best = sum(log_density(t, x, found) for x in r)
+        assert best >= sum(log_density(t, x, truth) for x in r)
+
+
+def test_white_noise_is_rarely_taken_for_correlated() -> None:
+    t = np.arange(800) * 0.05
+    wrong = sum(estimate_noise([t], [np.random.default_rng(seed).normal(size=800)]).kind == "ou" for seed in range(40))
+    assert wrong <= 3
+
+
+def test_lag_one_correlation_of_the_sum() -> None:
+    n = OutputNoise(0.3, 0.4, 2.0)
+    k = covariance(np.array([0.0, 0.1]), n)
+    assert n.rho(0.1) == pytest.approx(k[0, 1] / k[0, 0])
+    assert n.sd == pytest.approx(np.sqrt(k[0, 0]))
+
+
+def test_what_lasts_too_long_for_noise_keeps_its_size() -> None:
+    """The limit is a fiftieth of the recording, here 0.6 s, for what is larger than the white noise."""
+    time = np.arange(3000) * 0.01
+    rng = np.random.default_rng(8)
+    brief = estimate_noise([time], [draw(rng, time.size, 0.01, OutputNoise(0.01, 0.02, 0.15))])
+    assert not brief.model_error
+    assert brief.estimated == (True, True, True)
+    small = estimate_noise([time], [draw(rng, time.size, 0.01, OutputNoise(0.05, 0.02, 1.2))])
+    assert not small.model_error
+    slow = draw(rng, time.size, 0.01, OutputNoise(0.01, 0.02, 1.2))
+    smooth = 0.03 * np.sin(2.0 * time) + 0.01 * rng.standard_normal(time.size)
+    for residual in (slow, smooth):
+        found = estimate_noise([time], [residual])
+        assert found.model_error
+        assert found.kind == "white"
+        assert found.sd == pytest.approx(np.sqrt(np.mean(residual**2)), rel=1e-12)
+        assert found.estimated == (False, False, False)

@@ -10,6 +10,7 @@ import numpy as np
 
 from aero_bayes.arrays import FloatArray
 from aero_bayes.checkpoint import digest
+from aero_bayes.data.noise import quantisation_step
 from aero_bayes.data.recording import Recording, to_experiment
 from aero_bayes.errors import InputError
 from aero_bayes.estimate.initial_states import (
@@ -24,7 +25,7 @@ from aero_bayes.estimate.initial_states import (
 )
 from aero_bayes.estimate.measured_data import MeasuredData, thin
 from aero_bayes.estimate.noise import NoiseModel, OutputNoise
-from aero_bayes.estimate.noise_estimation import quantum, thin_constant_readings
+from aero_bayes.estimate.noise_estimation import thin_constant_readings
 from aero_bayes.estimate.parameters import Parameter, ParameterSet
 from aero_bayes.estimate.priors import Uniform
 from aero_bayes.simulation.interface import (
@@ -321,8 +322,7 @@ def _experiment(
     for column, name in enumerate(outputs):
         if name in recording.outputs:
             values = recording.outputs[name].copy()
-            step = quantum(values)
-            if step > 0.0:
+            if (step := quantisation_step(values) or 0.0) > 0.0:
                 # A little less than the count's own spread, which a motion through many counts may undercut.
                 floors[name] = max(0.9 * step / 12.0**0.5, floors.get(name, 0.0))
                 if not settings.keep_standstill_readings:

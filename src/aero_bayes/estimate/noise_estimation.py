@@ -6,7 +6,7 @@ import ctypes
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, cached_property
 from itertools import pairwise
 from typing import Any
 
@@ -88,91 +88,54 @@ def reading_log_density(time: FloatArray, residual: FloatArray, noise: FloatArra
 MULTIPLICATIVE_UPDATES = 40
 
 
-@dataclass(frozen=True, eq=False)
-class BinnedPeriodogram:
-    """Periodogram of a residual, in bins whose width grows with frequency.
-
-    ``angular`` (k,) are mean frequencies in rad a sample, ``count`` (k,) the number of lines, ``power`` (k,) their mean
-    power, and ``interval`` is the time step in s."""
-
-    angular: FloatArray
-    count: FloatArray
-    power: FloatArray
-    interval: float
-
-    @classmethod
-    def of(
-        cls, residual: FloatArray, time: FloatArray, interval: float, even: bool, bins: int = 80
-    ) -> BinnedPeriodogram:
-        """Return the periodogram of a residual (n,) at times (n,) in s with median step ``interval``. Gaps are
-        interpolated."""
-        values = residual
-        if not even:
-            values = np.interp(np.arange(time[0], time[-1] + 0.5 * interval, interval), time, residual)
-        n = values.size
-        power = np.abs(np.fft.rfft(values)) ** 2 / n
-        if n % 2 == 0:
-            power = power[:-1]
-        # The line at zero frequency has half the degrees of freedom of the others.
-        weight = np.ones(power.size)
-        weight[0] = 0.5
-        weight *= residual.size / n
-        line = np.arange(power.size)
-        edges = np.unique(
-            np.concatenate((np.arange(min(12, power.size)), np.geomspace(12, power.size, bins).astype(int)))
-        )
-        edges = edges[edges < power.size]
-        count = np.add.reduceat(weight, edges)
-        angular = 2.0 * np.pi / n * np.add.reduceat(weight * line, edges) / count
-        return cls(angular, count, np.add.reduceat(weight * power, edges) / count, interval)
-
-
-def maximise_whittle(
-    powers: Sequence[BinnedPeriodogram], *, floor: float, longest: float, near: float | None = None
-) -> tuple[float, float, float]:
-    """Maximise Whittle's likelihood: ``sd_white``, ``sd_ou`` and ``tau`` in s (zero for white noise alone)."""
-    spectrum = _Spectrum(
-        np.cos(np.concatenate([power.angular for power in powers])),
-        np.concatenate([power.count for power in powers]),
-        np.concatenate([power.power for power in powers]),
-        powers[0].interval,
-    )
-    total = spectrum.mean()
-    if total <= 0.0:
-        return max(floor, 1e-12), 0.0, 0.0
-    smallest = max(floor**2, 1e-8 * total)
-    low = np.array([math.log(smallest), math.log(1e-7 * total), math.log(0.8 * spectrum.interval)])
-    high = np.array(
-        [
-            math.log(max(4.0 * total, 2.0 * smallest)),
-            math.log(30.0 * total + 30 * smallest),
-            math.log(max(longest, 4.0 * spectrum.interval)),
-        ]
-    )
-    taus = np.geomspace(math.exp(low[2]), math.exp(high[2]), 9)
-    if near is not None:
-        taus = np.append(taus, np.clip(near, taus[0], taus[-1]))
-    fast = np.concatenate([power.angular for power in powers]) > 1.0
-    begin, cost = _best_of_grid(spectrum, taus, smallest, spectrum.mean(fast) or total)
-    begin = np.clip(begin, low, high)
-    found = scipy.optimize.minimize(
-        spectrum.cost, begin, jac=True, method="L-BFGS-B", bounds=list(zip(low, high, strict=True)),
-        options={"maxiter": 40},
-    )  # fmt: skip
-    white, drift, tau = np.exp(found.x if found.fun <= cost else begin)
-    if drift < 1e-6 * total:
-        return math.sqrt(max(total, smallest)), 0.0, 0.0
-    return math.sqrt(white), math.sqrt(drift), float(tau)
+def _binned_periodogram(
+    residual: FloatArray, sampling: SampleTimes, bins: int = 80
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return frequencies in rad a sample, numbers of lines and their mean power; gaps of a residual (n,) are
+    interpolated."""
+    time, interval, values = sampling.time, sampling.interval, residual
+    if not sampling.even:
+        values = np.interp(np.arange(time[0], time[-1] + 0.5 * interval, interval), time, residual)
+    n = values.size
+    power = np.abs(np.fft.rfft(values)) ** 2 / n
+    if n % 2 == 0:
+        power = power[:-1]
+    # The line at zero frequency has half the degrees of freedom of the others.
+    weight = np.ones(power.size)
+    weight[0] = 0.5
+    weight *= residual.size / n
+    line = np.arange(power.size)
+    edges = np.unique(np.concatenate((np.arange(min(12, power.size)), np.geomspace(12, power.size, bins).astype(int))))
+    edges = edges[edges < power.size]
+    count = np.add.reduceat(weight, edges)
+    angular = 2.0 * np.pi / n * np.add.reduceat(weight * line, edges) / count
+    return angular, count, np.add.reduceat(weight * power, edges) / count
 
 
 @dataclass(frozen=True, eq=False)
 class _Spectrum:
-    """Lines of all recordings: cosine of the angle, count, power (each (n,)), and the sample interval in s."""
+    """Periodograms of all recordings, in bins whose width grows with frequency.
 
-    cosine: FloatArray
+    ``angular`` (k,) are mean frequencies in rad a sample, ``count`` (k,) the number of lines, ``observed`` (k,) their
+    mean power, and ``interval`` is the time step in s of the first recording."""
+
+    angular: FloatArray
     count: FloatArray
     observed: FloatArray
     interval: float
+
+    @classmethod
+    def of(cls, residuals: Sequence[FloatArray], samplings: Sequence[SampleTimes]) -> _Spectrum:
+        """Return the spectrum of residuals (n,) of some recordings."""
+        pairs = zip(residuals, samplings, strict=True)
+        parts = [_binned_periodogram(s.equalised(r), s) for r, s in pairs]
+        angular, count, power = (np.concatenate(part) for part in zip(*parts, strict=True))
+        return cls(angular, count, power, samplings[0].interval)
+
+    @cached_property
+    def cosine(self) -> FloatArray:
+        """Cosine of the angle of each line."""
+        return np.cos(self.angular)
 
     def mean(self, lines: NDArray[np.bool_] | None = None) -> float:
         """Compute the mean power of the readings, or of some lines (n,); zero for none."""
@@ -193,6 +156,37 @@ class _Spectrum:
             [white * np.sum(slope), drift * np.sum(slope * shape), np.sum(slope * by_phi) * phi * self.interval / tau]
         )
         return cost, gradient
+
+
+def _maximise_whittle(
+    spectrum: _Spectrum, *, floor: float, longest: float, near: float | None
+) -> tuple[float, float, float]:
+    """Maximise Whittle's likelihood: ``sd_white``, ``sd_ou`` and ``tau`` in s (zero for white noise alone)."""
+    total = spectrum.mean()
+    if total <= 0.0:
+        return max(floor, 1e-12), 0.0, 0.0
+    smallest = max(floor**2, 1e-8 * total)
+    low = np.array([math.log(smallest), math.log(1e-7 * total), math.log(0.8 * spectrum.interval)])
+    high = np.array(
+        [
+            math.log(max(4.0 * total, 2.0 * smallest)),
+            math.log(30.0 * total + 30 * smallest),
+            math.log(max(longest, 4.0 * spectrum.interval)),
+        ]
+    )
+    taus = np.geomspace(math.exp(low[2]), math.exp(high[2]), 9)
+    if near is not None:
+        taus = np.append(taus, np.clip(near, taus[0], taus[-1]))
+    begin, cost = _best_of_grid(spectrum, taus, smallest, spectrum.mean(spectrum.angular > 1.0) or total)
+    begin = np.clip(begin, low, high)
+    found = scipy.optimize.minimize(
+        spectrum.cost, begin, jac=True, method="L-BFGS-B", bounds=list(zip(low, high, strict=True)),
+        options={"maxiter": 40},
+    )  # fmt: skip
+    white, drift, tau = np.exp(found.x if found.fun <= cost else begin)
+    if drift < 1e-6 * total:
+        return math.sqrt(max(total, smallest)), 0.0, 0.0
+    return math.sqrt(white), math.sqrt(drift), float(tau)
 
 
 def _best_of_grid(spectrum: _Spectrum, taus: FloatArray, smallest: float, fast: float) -> tuple[FloatArray, float]:
@@ -246,13 +240,9 @@ def update_output_noise(
     This is the quick estimate with which a search updates the noise between its steps."""
     if not samplings:
         return UNSEEN
-    powers = [
-        BinnedPeriodogram.of(s.equalised(r), s.time, s.interval, s.even)
-        for r, s in zip(residuals, samplings, strict=True)
-    ]
     limit = longest if longest is not None else MAX_CORRELATION_SHARE * max(s.duration for s in samplings)
     near = start.tau if start is not None and start.kind == "ou" else None
-    return OutputNoise(*maximise_whittle(powers, floor=floor, longest=limit, near=near))
+    return OutputNoise(*_maximise_whittle(_Spectrum.of(residuals, samplings), floor=floor, longest=limit, near=near))
 
 
 def estimate_noise(
@@ -297,11 +287,6 @@ def estimate_noise(
     new = correlated.sd_ou * math.sqrt(-math.expm1(-2.0 * interval / correlated.tau))
     unseen = OutputNoise(max(0.003 * new, floor), correlated.sd_ou, correlated.tau, white_identified=False)
     return unseen if total(unseen) > likelihood - 1.0 else correlated
-
-
-def quantum(values: FloatArray) -> float:
-    """Step of quantised readings, such as an encoder's count; 0 for continuous ones."""
-    return quantisation_step(values) or 0.0
 
 
 def thin_constant_readings(
@@ -353,7 +338,7 @@ def describe_sensors(
 
 def _counts(time: FloatArray, readings: FloatArray, fitted: FloatArray) -> Json | None:
     """Return the step of quantised readings, and the share of the residual's variance that is rounding; else None."""
-    step, squares = quantum(readings), (readings - fitted)[np.isfinite(readings)] ** 2
+    step, squares = quantisation_step(readings) or 0.0, (readings - fitted)[np.isfinite(readings)] ** 2
     variance = float(np.mean(squares)) if squares.size else math.inf
     if step == 0.0 or step**2 / 12.0 < MIN_VARIANCE_SHARE * variance:
         return None
