@@ -33,14 +33,6 @@ BLOCK_COUNT, MIN_BLOCK_READINGS = 20, 4
 
 
 @dataclass(frozen=True, eq=False)
-class BlockLeftOut:
-    """A fit without one block of readings."""
-
-    readings: Readings
-    step: FloatArray
-
-
-@dataclass(frozen=True, eq=False)
 class LinearisedFit:
     """A fit to first order about its optimum."""
 
@@ -63,8 +55,8 @@ class LinearisedFit:
 
     def without(
         self, cells: Sequence[Readings], windows: Sequence[slice] | None = None, least: float = MIN_CURVATURE_SHARE
-    ) -> Iterator[BlockLeftOut]:
-        """Leave each block out in turn.
+    ) -> Iterator[tuple[Readings, FloatArray]]:
+        """Leave each block out in turn: its readings, and the step of the parameters without it.
 
         At the optimum the gradient of the log-posterior is zero, so that without block ``b`` it is ``-S_b r_b``, and
         the Newton step is ``-H_b^-1 S_b r_b`` with the curvature ``H_b`` of what remains."""
@@ -78,7 +70,7 @@ class LinearisedFit:
             rest = self.prior + own[: window.start].sum(axis=0) + own[window.stop :].sum(axis=0)
             values, vectors = np.linalg.eigh(rest * np.outer(unit, unit))
             pull = vectors.T @ (unit * (slopes[:, block] @ residual[block]))
-            yield BlockLeftOut(block, -unit * (vectors @ (pull / np.maximum(values, least))))
+            yield block, -unit * (vectors @ (pull / np.maximum(values, least)))
 
 
 def blocks_of_time(series: Sequence[Series], leverage: FloatArray, count: int, least: int) -> list[list[Readings]]:
@@ -129,7 +121,7 @@ def jackknife_covariance(series: Sequence[Series], slopes: FloatArray, residual:
     cells = [cell for e in recordings for cell in time_cells(series, linear.leverage, e, count)]
     starts = [k * count + first for k in range(len(recordings)) for first in range(count - STEPS + 1)]
     windows = [slice(a, a + STEPS) for a in starts]
-    moved = np.array([left.step for left in linear.without(cells, windows, MIN_INFORMATION_LEFT)])
+    moved = np.array([step for _, step in linear.without(cells, windows, MIN_INFORMATION_LEFT)])
     blocks = len(cells) / STEPS
     widening = float(stdtrit(blocks - 1.0, 0.95) / ndtri(0.95)) ** 2
     return np.asarray((blocks - 1.0) * widening * moved.T @ moved / len(moved))
@@ -301,8 +293,8 @@ def _leave_out_changes(calibration: Calibration, series: Sequence[Series], optim
     linear = LinearisedFit.of(optimum, parameters, shared)
     plain = np.concatenate([by[shared] for by in optimum.evaluation.slopes], axis=1)
     changes = np.zeros(plain.shape[1])
-    for left in linear.without(_parts(series, linear.leverage, optimum)):
-        changes[left.readings] = left.step @ plain[:, left.readings]
+    for readings, step in linear.without(_parts(series, linear.leverage, optimum)):
+        changes[readings] = step @ plain[:, readings]
     return np.split(changes, np.cumsum([s.sampling.size for s in series])[:-1])
 
 

@@ -19,7 +19,7 @@ from aero_bayes.arrays import FloatArray
 from aero_bayes.errors import CannotFinishError
 from aero_bayes.estimate.laplace import MIN_BLOCK_READINGS, LinearisedFit, blocks_of_time
 from aero_bayes.estimate.local_fit import LocalFitSettings, Optimum, local_fit
-from aero_bayes.estimate.objective import Objective, Series
+from aero_bayes.estimate.objective import Objective
 from aero_bayes.loop.models import FittedModel
 
 Readings = NDArray[np.int_]
@@ -183,8 +183,8 @@ def _newton_points(fitted: FittedModel, folds: Folds, every: Sequence[tuple[int,
         columns, linear = [optimum.free[k] for k in moving], LinearisedFit.of(optimum, parameters, moving)
         low, high = (bound[columns] for bound in parameters.box)
         alike = [k for k, other in enumerate(every) if other == moving]
-        for k, left in zip(alike, linear.without(cells, [slice(k, k + 1) for k in alike]), strict=True):
-            rows[k, columns] = np.clip(rows[k, columns] + left.step, low, high)
+        for k, (_, step) in zip(alike, linear.without(cells, [slice(k, k + 1) for k in alike]), strict=True):
+            rows[k, columns] = np.clip(rows[k, columns] + step, low, high)
     return rows
 
 
@@ -192,20 +192,14 @@ def _without(objective: Objective, readings: Readings) -> Objective:
     """Return the objective without some readings (columns of the whitened slopes), on the same simulator."""
     calibration = objective.calibration
     measured = [y.copy() for y in calibration.data.measured]
-    for series, rows in _by_series(objective.series, readings):
+    first = 0
+    for series in objective.series:
+        rows = readings[(readings >= first) & (readings < first + series.sampling.size)] - first
         measured[series.experiment][series.sampling.index[rows], series.column] = np.nan
+        first += series.sampling.size
     data = calibration.data.with_experiments(
         replace(e, measured=y) for e, y in zip(calibration.data.experiments, measured, strict=True)
     )
     found = objective.with_calibration(replace(calibration, data=data), objective.simulator)
     found.result_cache = None
     return found
-
-
-def _by_series(series: Sequence[Series], readings: Readings) -> list[tuple[Series, Readings]]:
-    """Readings by their series, as places in it."""
-    first = np.concatenate(([0], np.cumsum([s.sampling.size for s in series])))
-    return [
-        (s, readings[(readings >= a) & (readings < b)] - a)
-        for s, a, b in zip(series, first[:-1], first[1:], strict=True)
-    ]
