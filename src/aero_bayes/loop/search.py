@@ -1,9 +1,10 @@
 """The search over structures: it fills a table of errors, size by size.
 
-A structure is the first model with laws attached. A few structures of each size are extended by every offered term:
-all are screened beside the fit, the promising ones are fitted briefly, the best to the end. The search ends where only
-noise is left, or where a size brings nothing material; while structure is left it looks one size further, since two
-terms may explain what neither does alone.
+1. A *structure* is the first model with laws attached. A few of each size are *extended* by every offered term.
+2. Terms are *screened* beside a structure; those that promise most are fitted *briefly*, the best of these *whole*.
+3. The search ends where only noise is left, or where a size brings nothing material; while structure is left it looks
+   one size further, since two terms may explain what neither does alone.
+4. A model that was decided on is *completed*: without each of its terms, all that comes near is tried in its place.
 """
 
 from __future__ import annotations
@@ -286,7 +287,23 @@ class Search:
     def fit_children(self, parent: Terms, offered: Sequence[str], near: float | None = None, place: str = "") -> bool:
         """Fit what promises most beside a structure, the best to the end; gives whether all that is near was fitted."""
         promises = self.screen(parent, offered)
-        here, gains = self.folds.on_fitted(self.fits[parent].optimum), {t: s.gain for t, s in promises.items()}
+        order, cut = self._promising(parent, {t: s.gain for t, s in promises.items()}, near, place)
+        children = [_plus(parent, t) for t in order]
+        works = [partial(self._brief, parent, t, promises[t].promises) for t in order]
+        found = dict(zip(children, self._map(works), strict=True))
+        ends = sorted((k for k in children if found[k] is not None), key=lambda k: (self.folds.on_fitted(found[k]), k))
+        ends = ends if near is not None else ends[: self.effort.fitted[bool(parent)]]
+        self.keep({k: found[k] for k in ends})
+        kept = [k for k in ends[: self.effort.finished] if k in self.fits]
+        begun = self.effort.begun[bool(parent)] if near is None else 0
+        self.finish(kept, [k for k in kept[:begun] if self.structured(k)])
+        return not cut
+
+    def _promising(
+        self, parent: Terms, gains: dict[str, float], near: float | None, place: str
+    ) -> tuple[list[str], list[str]]:
+        """Terms to be fitted beside a structure by what they promise, the best first, and those that are cut off."""
+        here = self.folds.on_fitted(self.fits[parent].optimum)
         coarse = {t: gains.get(of, -math.inf) for t, of in self.library.refines.items()}
         finer = self.effort.declared and not parent
         gains = {t: g for t, g in gains.items() if finer or t not in coarse or g > coarse[t] + LEAST_FALL}
@@ -303,17 +320,7 @@ class Search:
             order = [t for t in order if _plus(parent, t) not in self.fits]
             count = self.effort.swaps
         order.sort(key=lambda t: (-gains[t], t))
-        cut, order = order[count:], order[:count]
-        children = [_plus(parent, t) for t in order]
-        works = [partial(self._brief, parent, t, promises[t].promises) for t in order]
-        found = dict(zip(children, self._map(works), strict=True))
-        ends = sorted((k for k in children if found[k] is not None), key=lambda k: (self.folds.on_fitted(found[k]), k))
-        ends = ends if near is not None else ends[: self.effort.fitted[bool(parent)]]
-        self.keep({k: found[k] for k in ends})
-        kept = [k for k in ends[: self.effort.finished] if k in self.fits]
-        begun = self.effort.begun[bool(parent)] if near is None else 0
-        self.finish(kept, [k for k in kept[:begun] if self.structured(k)])
-        return not cut
+        return order[:count], order[count:]
 
     def screen(self, parent: Terms, offered: Sequence[str]) -> dict[str, Screened]:
         """Screen terms beside a structure, those that were not yet."""
