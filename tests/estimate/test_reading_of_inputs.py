@@ -14,7 +14,7 @@ from aero_bayes.data import Recording
 from aero_bayes.errors import InputError
 from aero_bayes.estimate import CalibrationSettings, ParameterSpec, parameters_from_model
 from aero_bayes.estimate.calibration import calibrate
-from aero_bayes.estimate.interpolation import moving_inputs
+from aero_bayes.estimate.interpolation import moving_inputs, with_interpolation
 from aero_bayes.simulation.interface import Interpolation
 
 HOUSE = """model House "A room with a heater"
@@ -92,6 +92,10 @@ def test_a_reading_by_name_and_what_may_move(exported) -> None:
     calibration = calibrate([recording], model, free, settings=settings)
     assert calibration.data.interpolation == {"T_amb": "linear", "heater": "hold"}
     assert moving_inputs(calibration.data.recordings[0], model) == ("T_amb",)
+    back = with_interpolation(with_interpolation(calibration, {"heater": "linear"}), {"heater": "hold"})
+    for one, other in zip(calibration.data.experiments[0].inputs, back.data.experiments[0].inputs, strict=True):
+        assert (one.name, one.interpolation) == (other.name, other.interpolation)
+        np.testing.assert_array_equal(np.stack([one.time, one.values]), np.stack([other.time, other.values]))
     discrete = replace(model, inputs=tuple(replace(variable, discrete=True) for variable in model.inputs))
     assert moving_inputs(calibration.data.recordings[0], discrete) == ()
     with pytest.raises(InputError, match=facts("interpolation", "wind", "house", "T_amb", "heater")):

@@ -89,9 +89,3 @@ def test_a_listed_law_is_not_learned(tmp_path) -> None:
     (curve,) = [r for r in found.steps[0].candidates if r.id == "curve@v"]
     (friction,) = [r for r in found.steps[0].candidates if r.id == "coulomb_friction@v"]
     assert friction.share < 1.05 * curve.share
-
-
-def test_nothing_is_learned_where_nothing_is_missing(tmp_path) -> None:
-    found = looped(tmp_path, lambda x, v: 0.0)
-    assert found.outcome == "adequate", found.sentence
-    assert found.effects == ()

@@ -17,7 +17,6 @@ from aero_bayes.loop.table import Table
 from simulated_rigs.aero import Truth, pivot_friction, scaled, simulate_recording
 from simulated_rigs.designs import random_levels
 from simulated_rigs.sensors import real, white
-from simulated_rigs.truth import LawPlace, LawTruth
 
 SETTINGS = LoopSettings(max_effects=2)
 close_aero = partial(close_loop, model="Aero.Systems.OneDof")
@@ -69,29 +68,6 @@ def test_a_search_whose_time_is_up_is_judged_by_what_it_has_and_says_so(fmus):
     assert "1e-06 min" in found.sentence
 
 
-@pytest.mark.long
-def test_friction_that_yields_first_takes_the_place_of_plain_friction(fmus, tmp_path):
-    truth = LawTruth("presliding_friction", LawPlace("balance", "q"), {"F_c": 9e-4, "x_s": 9e-4 / 0.15})
-    train, test = recordings(15, white(1.0), 0.0, truth)
-    settings = replace(SETTINGS, effects=("pivot_coulomb_friction", "pivot_presliding_friction", "cubic_stiffness"))
-    found = close_aero([train], [test], settings=replace(settings, cache=fmus), workers=0, out_dir=tmp_path)
-    assert [e.id for e in found.effects] == ["pivot_presliding_friction"]
-    torque, angle, _ = found.effects[0].parameters
-    assert torque.value == pytest.approx(9e-4, abs=5 * torque.sd + 2e-5)
-    assert angle.value == pytest.approx(9e-4 / 0.15, abs=5 * angle.sd + 2e-4)
-    assert any("pivot_presliding_friction" in step.why for step in found.steps)
-    assert "PivotPreslidingFriction" in found.modelica
-    assert found.predicted_after.test["test", "theta"].rms < 1.1 * 2e-3
-
-
-def test_effects_that_the_data_cannot_tell_apart_are_equivalent(fmus):
-    late = LawTruth("delay", LawPlace("output", "pitch"), {"T": 0.02})
-    train, test = recordings(17, white(1.0), 0.0, late, duration=20.0)
-    settings = replace(SETTINGS, effects=("pitch_delay", "thrust_lag"))
-    found = close_aero([train], [test], settings=replace(settings, cache=fmus), workers=0)
-    assert [set(ids) for ids in found.equivalent] == [{"pitch_delay", "thrust_lag"}]
-
-
 def test_nothing_is_named_under_real_noise_and_the_end_is_held_out(fmus, tmp_path):
     train, _ = recordings(12, real(1.0), 0.006)
     found = close_aero([train], settings=replace(SETTINGS, cache=fmus), workers=0, out_dir=tmp_path)
@@ -100,21 +76,6 @@ def test_nothing_is_named_under_real_noise_and_the_end_is_held_out(fmus, tmp_pat
     assert set(found.predicted_before.test) == {("train", output) for output in ("i_m", "omega_m", "theta")}
     assert "No missing effect was found" in found.sentence
     assert not list(tmp_path.glob("*.mo"))
-
-
-def test_a_quiet_recording_tells_nothing_and_says_so(fmus):
-    rng = np.random.default_rng(13)
-    quiet = simulate_recording(
-        Truth((pivot_friction(5e-4),)),
-        random_levels(rng, 1e-3, 8.0), white(1.0), rng, duration=8.0, rate_hz=50.0, name="quiet",
-    )  # fmt: skip
-    found = close_aero([quiet], settings=replace(SETTINGS, cache=fmus), workers=0)
-    assert found.outcome == "adequate"
-    assert found.effects == ()
-    assert "adequate" in found.sentence
-    tried = [rival for step in found.steps for rival in step.candidates]
-    assert min((rival.share for rival in tried), default=1.0) > 0.97
-    assert found.predicted_before.test["quiet", "theta"].rms == pytest.approx(2e-3, rel=0.3)
 
 
 def test_bad_requests_are_refused(fmus):

@@ -19,32 +19,20 @@ import json, sys, tempfile
 from dataclasses import replace
 from pathlib import Path
 import numpy as np
-from aero_bayes.loop import LoopSettings, close_loop
-import test_by_side as by_side, test_load_friction as geared, test_unsigned_and_unbalance as unsigned
+from rigs import RIGS
 
-stops = ("end_stop", "end_stop_by_side", "coulomb_friction", "linear_stiffness", "offset")
-ranges = ("saturation", "saturation_by_side", "gain", "overflow", "square_loss", "dead_zone")
-signs = ("unsigned", "gain", "offset", "dead_zone", "coulomb_friction")
-weights = ("unbalance", "linear_stiffness", "offset", "coulomb_friction", "gain")
-cases = [
-    (by_side.TRACK, ("m", "d"), stops, [by_side.track(n, s, 0.0) for n, s in (("a", 75), ("b", 76))]),
-    (by_side.METER, ("T", "K"), ranges, [by_side.meter("a", 67), by_side.meter("b", 68)]),
-    (geared.GEARED, ("J", "d"), geared.LAWS, [geared.turned("a", 1), geared.turned("b", 2)]),
-    (unsigned.MOTOR, ("T", "k"), signs, [unsigned.turned("a", 71), unsigned.turned("b", 72)]),
-    (unsigned.ARM, ("J", "d"), weights, [unsigned.swung("a", 81), unsigned.swung("b", 82)]),
-]
 share, rng = float(sys.argv[1]), np.random.default_rng(5)
-for text, free, laws, recordings in cases:
-    moved = [
-        replace(r, outputs={o: y + share * np.ptp(y) * rng.normal(size=y.size) for o, y in r.outputs.items()})
-        for r in recordings
-    ]
+
+def moved(recorded):
+    def read(name, seed):
+        r = recorded(name, seed)
+        return replace(r, outputs={o: y + share * np.ptp(y) * rng.normal(size=y.size) for o, y in r.outputs.items()})
+    return read
+
+for name in ("tank", "meter", "geared", "motor", "arm"):
     with tempfile.TemporaryDirectory() as folder:
-        source = Path(folder) / f"{text.split()[1]}.mo"
-        source.write_text(text)
-        settings = LoopSettings(max_effects=2, parameters=free, laws=laws)
-        found = close_loop(moved[:1], moved[1:], model=source, settings=settings, workers=0)
-    print(json.dumps([source.stem, [[e.id, e.claim, [a.id for a in e.alternatives]] for e in found.effects]]))
+        found = replace(RIGS[name], recorded=moved(RIGS[name].recorded), most=2).closed(Path(folder))
+    print(json.dumps([name, [[e.id, e.claim, [a.id for a in e.alternatives]] for e in found.effects]]))
 """
 
 

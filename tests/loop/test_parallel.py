@@ -9,28 +9,12 @@ from collections import Counter
 from collections.abc import Iterable
 from functools import partial
 
-import numpy as np
 import pytest
 
-from aero_bayes.data import Recording
-from aero_bayes.loop import LoopSettings, close_loop
 from aero_bayes.parallel import ParallelMap, Task
 from aero_bayes.simulation.workers import WorkerPool
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="workers are forked")
-
-SOURCE = """model Cart "A cart in a viscous fluid"
-  parameter Real m(unit = "kg", min = 0) = 1;
-  parameter Real c(unit = "N.s/m", min = 0) = 1;
-  input Real F(unit = "N");
-  output Real v(unit = "m/s");
-protected
-  Real w(unit = "m/s", start = 0, fixed = true);
-equation
-  m*der(w) = F - c*w;
-  v = w;
-end Cart;
-"""
 
 
 class Questions:
@@ -108,35 +92,3 @@ def test_an_interruption_ends_the_workers_at_once():
     with WorkerPool(2) as pool, pytest.raises(KeyboardInterrupt):
         ParallelMap(pool)([*questions.tasks([1]), Task(partial(time.sleep, 600.0))], interrupt)
     assert time.monotonic() - began < 60.0
-
-
-def recording(name: str, seed: int) -> Recording:
-    """A cart with drag by the square of its speed beside the viscous one, by the explicit midpoint rule."""
-    rng = np.random.default_rng(seed)
-    force, v, h = np.repeat(rng.normal(0.0, 3.0, 30), 10), np.zeros(300), 0.05
-    for n in range(299):
-        now = v[n]
-        for _ in range(50):
-            half = now + h / 100.0 * (force[n] - now - 0.8 * now * abs(now))
-            now += h / 50.0 * (force[n] - half - 0.8 * half * abs(half))
-        v[n + 1] = now
-    return Recording(name, h * np.arange(300), {"F": force}, {"v": v + rng.normal(0.0, 0.005, 300)})
-
-
-def test_the_loop_says_the_same_whatever_the_number_of_workers(tmp_path):
-    source = tmp_path / "Cart.mo"
-    source.write_text(SOURCE)
-    settings = LoopSettings(parameters=("m", "c"), cache=tmp_path / "fmu")
-    train, test = recording("train", 31), recording("test", 32)
-    results = [close_loop([train], [test], model=source, settings=settings, workers=workers) for workers in (1, 2)]
-    told = [
-        (
-            r.outcome,
-            r.simulations,
-            [[(rival.id, rival.share) for rival in step.candidates] for step in r.steps],
-        )
-        for r in results
-    ]
-    assert told[0] == told[1]
-    assert results[0].outcome == "extended"
-    assert [effect.id for effect in results[0].effects] == ["quadratic_drag@w"]
