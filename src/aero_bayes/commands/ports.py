@@ -18,7 +18,7 @@ from aero_bayes.arrays import FloatArray
 from aero_bayes.commands.job import RunOptions, open_job, which_model, without_units
 from aero_bayes.commands.loop import fit_settings
 from aero_bayes.config import load_config
-from aero_bayes.data.noise import noise_floors, output_noise_floor
+from aero_bayes.data.noise import output_noise_floor
 from aero_bayes.display import join_names, with_unit
 from aero_bayes.errors import InputError
 from aero_bayes.estimate.fit import fit
@@ -144,9 +144,8 @@ def _limits(
         source = ModelSource(family, fit.calibration, fit.free, objective, open_, {})
         placed = family.prepare(fit.calibration, fit.optimum, open_)
         laws = tuple(t for t in placed if t not in family.curves())
-        floors = noise_floors(fit.calibration.data.recordings, fit.outputs)
         library, effort = Library(laws, {}, ()), Effort(beside_declared=False)
-        search = Search(source, library, floors, ParallelMap(pool), LoopStatistics(), effort=effort)
+        search = Search(source, library, fit.floors, ParallelMap(pool), LoopStatistics(), effort=effort)
         search.begin(dict(zip(fit.calibration.parameters.names, fit.values.tolist(), strict=True)))
         found = search.screen((), laws)
         search.models.close()

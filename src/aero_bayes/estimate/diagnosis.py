@@ -5,13 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import TYPE_CHECKING, ClassVar, Literal, cast
 
 import numpy as np
 
 from aero_bayes.arrays import FloatArray
-from aero_bayes.data.noise import noise_floors
 from aero_bayes.display import join_names, table_html, with_unit
 from aero_bayes.errors import InputError
 from aero_bayes.estimate.calibration import Calibration
@@ -19,7 +17,7 @@ from aero_bayes.estimate.identifiability import Status
 from aero_bayes.estimate.levenberg_marquardt import Stop
 from aero_bayes.estimate.noise import FALSE_ALARM_RATE, autocorrelation
 from aero_bayes.estimate.other_tools import noise_by_recording
-from aero_bayes.estimate.residual_tests import ResidualReport, check_residuals, exact_level, structured_residuals
+from aero_bayes.estimate.residual_tests import ResidualReport, exact_level, structured_residuals
 from aero_bayes.modelica.rumoca_front import load_flat
 from aero_bayes.modelica.syntax import Call, Expression, Number, names_in, walk
 from aero_bayes.simulation.engines import open_simulator
@@ -93,29 +91,7 @@ class Diagnosis:
         return f"<{self.line[:1].upper()}{self.line[1:]}>"
 
 
-@dataclass(frozen=True, eq=False)
-class LeftOver:
-    """The residuals of a fit with their tests."""
-
-    fit: Fit
-
-    @cached_property
-    def floors(self) -> dict[tuple[str, str], float]:
-        """Noise floors by recording and output, where they are known."""
-        return noise_floors(self.fit.calibration.data.recordings, self.fit.calibration.data.outputs)
-
-    @cached_property
-    def reports(self) -> tuple[ResidualReport, ...]:
-        """One for each output of each recording."""
-        return check_residuals(self.fit.calibration, self.fit.series, self.fit.optimum, self.floors)
-
-    @property
-    def structured(self) -> list[ResidualReport]:
-        """Those that are more than noise."""
-        return structured_residuals(self.reports)
-
-
-def check_data(fit: Fit, left: LeftOver) -> DiagnosisRow:
+def check_data(fit: Fit) -> DiagnosisRow:
     """Tell what is wrong with the readings of the fitted recordings."""
     findings = list(dict.fromkeys(f for recording in fit.calibration.data.recordings for f in recording.findings))
     if not findings:
@@ -129,9 +105,9 @@ def check_data(fit: Fit, left: LeftOver) -> DiagnosisRow:
     return DiagnosisRow("data", True, first.what, first.where, first.done, explains, more)
 
 
-def check_model(fit: Fit, left: LeftOver) -> DiagnosisRow:
+def check_model(fit: Fit) -> DiagnosisRow:
     """Tell which residuals are more than noise."""
-    structured = left.structured
+    structured = structured_residuals(fit.reports)
     if not structured:
         return DiagnosisRow("model", False, "The residual of every output is noise.")
     names = ", ".join(f"`{name}`" for name in sorted({report.output for report in structured}))
@@ -143,11 +119,11 @@ def check_model(fit: Fit, left: LeftOver) -> DiagnosisRow:
 MIN_ROUNDED_SHARE = 0.25
 
 
-def check_noise(fit: Fit, left: LeftOver) -> DiagnosisRow:
+def check_noise(fit: Fit) -> DiagnosisRow:
     """Tell which outputs have noise that is not white."""
     if fit.calibration.data.spreads:
         return _unequal_row(fit)
-    if left.reports and all(report.exact for report in left.reports):
+    if fit.reports and all(report.exact for report in fit.reports):
         sizes = ", ".join(f"{o} {rms:.1g}" for o, rms in fit.rms.items())
         return DiagnosisRow("noise", False, f"There is no noise at all: what is left ({sizes}) is rounding.")
     counts = {o: cast("dict[str, float]", entry["encoder"]) for o, entry in fit.sensors.items() if "encoder" in entry}
@@ -157,7 +133,7 @@ def check_noise(fit: Fit, left: LeftOver) -> DiagnosisRow:
         where = ", ".join(f"{o}: steps of {with_unit(f'{step:.3g}', units.get(o, ''))}" for o, step in rounded.items())
         return DiagnosisRow("noise", True, f"{join_names(list(rounded))} is rounded to coarse counts.", where)
     correlated = {o: n for o, n in fit.noise.items() if n.kind == "ou"}
-    alternating = [(report.output, _alternation(fit, report)) for report in left.structured]
+    alternating = [(report.output, _alternation(fit, report)) for report in structured_residuals(fit.reports)]
     if alternating and all(size for _, size in alternating):
         told = join_names([f"those of {o} alternate, with a correlation of {size:.2g}" for o, size in alternating])
         what = f"Successive errors leave no pattern but this: {told}."
@@ -221,7 +197,7 @@ def _unequal_row(fit: Fit) -> DiagnosisRow:
 SAME_LEVEL, MIN_STARTS = 3.0, 4
 
 
-def check_search(fit: Fit, left: LeftOver) -> DiagnosisRow:
+def check_search(fit: Fit) -> DiagnosisRow:
     """Tell which other optima there are, whether starts disagree, and which parameters ended on a bound."""
     bounds = [name for name, status in fit.identifiability.status.items() if status is Status.AT_BOUND]
     if fit.reason is Stop.INTERRUPTED:
@@ -234,7 +210,7 @@ def check_search(fit: Fit, left: LeftOver) -> DiagnosisRow:
     agree = sum(max(fit.start_levels) - level < SAME_LEVEL for level in fit.start_levels) if fit.start_levels else 0
     count = len(fit.start_levels)
     # Where the residual is noise, the best end is the right one, however few starts lead there.
-    if agree == 1 and count >= MIN_STARTS and left.structured:
+    if agree == 1 and count >= MIN_STARTS and structured_residuals(fit.reports):
         what = f"Of {count} local fits from different starts only one reached the best cost."
         done = "A larger swarm ([fit.pso] particles) or narrower bounds would show whether there is a better one."
         return DiagnosisRow("search", True, what, "", done)
@@ -341,7 +317,7 @@ MAX_SHIFT = 0.5
 EXPLAINING_SHARE = 0.5
 
 
-def check_solver(fit: Fit, left: LeftOver) -> DiagnosisRow:
+def check_solver(fit: Fit) -> DiagnosisRow:
     """Tell which share of simulations failed and why, or which output moves when the solver works more tightly."""
     runs = sum(fit.outcomes.values())
     failed = {o: count for o, count in fit.outcomes.items() if o is not Outcome.OK and count}
@@ -352,8 +328,8 @@ def check_solver(fit: Fit, left: LeftOver) -> DiagnosisRow:
         if share > MAX_FAILED_SHARE:
             return _failed_row(fit, what, commonest)
     moved = _moved_outputs(fit)
-    if moved and _changes_the_answer(fit, moved, left):
-        return _tolerance_row(fit, moved, left)
+    if moved and _changes_the_answer(fit, moved):
+        return _tolerance_row(fit, moved)
     if moved:
         shift = max(fit.solver_shift.values(), default=0.0)
         what = (
@@ -388,16 +364,16 @@ def _moved_outputs(fit: Fit) -> dict[str, float]:
     }
 
 
-def _changes_the_answer(fit: Fit, moved: dict[str, float], left: LeftOver) -> bool:
+def _changes_the_answer(fit: Fit, moved: dict[str, float]) -> bool:
     """Tell whether the solver's error moves a parameter by a clear share of its sd, or is what is left."""
     if max(fit.solver_shift.values(), default=0.0) > MAX_SHIFT:
         return True
     if any(size > EXPLAINING_SHARE * fit.rms[output] for output, size in moved.items()):
         return True
-    return bool(left.structured) and _explains(fit, moved, left)
+    return bool(structured_residuals(fit.reports)) and _explains(fit, moved)
 
 
-def _tolerance_row(fit: Fit, moved: dict[str, float], left: LeftOver) -> DiagnosisRow:
+def _tolerance_row(fit: Fit, moved: dict[str, float]) -> DiagnosisRow:
     """Tell which outputs move at a ten times tighter tolerance."""
     rms = fit.rms
     units = fit.calibration.model.units
@@ -411,14 +387,14 @@ def _tolerance_row(fit: Fit, moved: dict[str, float], left: LeftOver) -> Diagnos
     return DiagnosisRow(
         "solver", True, "A ten times tighter tolerance of the solver changes the answer.", where,
         f"Tighten [solver] relative_tolerance and absolute_tolerance, as to {tolerance:.0e}, and fit again.",
-        _explains(fit, moved, left),
+        _explains(fit, moved),
     )  # fmt: skip
 
 
-def _explains(fit: Fit, moved: dict[str, float], left: LeftOver) -> bool:
+def _explains(fit: Fit, moved: dict[str, float]) -> bool:
     """Return whether the solver's error is of the size of what the noise does not explain in each output that moves."""
     for output, size in moved.items():
-        noise = [sd**2 for (_, name), sd in left.floors.items() if name == output]
+        noise = [sd**2 for (_, name), sd in fit.floors.items() if name == output]
         structured = max(fit.rms[output] ** 2 - (float(np.mean(noise)) if noise else 0.0), 0.0)
         if size**2 < EXPLAINING_SHARE**2 * structured:
             return False
@@ -426,12 +402,11 @@ def _explains(fit: Fit, moved: dict[str, float], left: LeftOver) -> bool:
 
 
 #: One check for each cause, in their order.
-CHECKS: tuple[Callable[[Fit, LeftOver], DiagnosisRow], ...] = (
+CHECKS: tuple[Callable[[Fit], DiagnosisRow], ...] = (
     check_data, check_solver, check_search, check_noise, check_model
 )  # fmt: skip
 
 
 def diagnose(fit: Fit) -> Diagnosis:
     """Look at each cause of a residual that is not noise."""
-    left = LeftOver(fit)
-    return Diagnosis(tuple(check(fit, left) for check in CHECKS))
+    return Diagnosis(tuple(check(fit) for check in CHECKS))

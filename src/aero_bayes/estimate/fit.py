@@ -34,6 +34,7 @@ from aero_bayes.estimate.misread import with_misread_finding
 from aero_bayes.estimate.modes import Mode, find_modes, likelihood_temperature
 from aero_bayes.estimate.noise_estimation import describe_sensors
 from aero_bayes.estimate.objective import objective_of
+from aero_bayes.estimate.other_reading import Refits
 from aero_bayes.estimate.other_tools import ValueTrial
 from aero_bayes.estimate.outliers import choose_spreads, is_correlated, refit_with_spread, without_outliers
 from aero_bayes.estimate.parameters import ChosenParameters, ParameterSet, ParameterSpec, chosen_parameters
@@ -184,15 +185,11 @@ class _Request:
 
     def _told(self, found: Fit, here: OpenSimulator) -> Fit:
         problem = found.calibration
-        told = with_start_finding(found, self.fitted_again, here)
-        if told is found:  # a wrong start looks like a constant at a reading, too
-            told = with_misread_finding(
-                found,
-                lambda given: self.calibration(given, problem.model, problem.fixed),
-                self.fitted_again,
-                here,
-                self.each_fitted,
-            )
+        calibrated = partial(self.calibration, model=problem.model, fixed=problem.fixed)
+        refits = Refits(calibrated, self.fitted_again, here, self.each_fitted)
+        told = with_start_finding(found, refits)
+        # A wrong start looks like a constant at a reading, too.
+        told = with_misread_finding(found, refits) if told is found else told
         told = with_feedback(found, here) if told is found else told
         return with_input_noise(found, here) if told is found else told
 

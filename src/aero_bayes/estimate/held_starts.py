@@ -5,7 +5,6 @@ tried beside them, take up the difference, which fades with the state. A Newton 
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
 
@@ -18,7 +17,7 @@ from aero_bayes.estimate.calibration import Calibration, recording_suffix
 from aero_bayes.estimate.held_values import searched_too, slopes_beside
 from aero_bayes.estimate.initial_states import held_start, state_sizes
 from aero_bayes.estimate.local_fit import OpenSimulator
-from aero_bayes.estimate.other_reading import told_fit
+from aero_bayes.estimate.other_reading import Refits, told_fit
 from aero_bayes.estimate.parameters import Parameter
 from aero_bayes.estimate.result import Fit
 from aero_bayes.simulation.interface import StartTarget
@@ -46,14 +45,14 @@ def held_starts(calibration: Calibration) -> dict[str, tuple[Parameter, ...]]:
     }
 
 
-def with_start_finding(fit: Fit, fitted: Callable[[Calibration], Fit], open_simulator: OpenSimulator) -> Fit:
+def with_start_finding(fit: Fit, refits: Refits) -> Fit:
     """Return the fit with a finding where its residual is no noise, and a start of the model is contradicted."""
     if fit.calibration.process is not None or not any(n.model_error or n.kind == "ou" for n in fit.noise.values()):
         return fit
     with suppress(CannotFinishError):
-        for state, own in likely_starts(fit, open_simulator)[:MOST_TRIED]:
+        for state, own in likely_starts(fit, refits.open)[:MOST_TRIED]:
             wider = searched_too(fit.calibration, own)
-            again = fitted(replace(wider, data=wider.data.thinned(SAMPLES)))
+            again = refits.fitted(replace(wider, data=wider.data.thinned(SAMPLES)))
             if finding := _finding(fit, again, state, own):
                 return told_fit(fit, finding)
     return fit

@@ -5,9 +5,10 @@ it, and nothing in the fit shows so. The columns of sensitivity of both are para
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import replace
+from itertools import islice
 
 import numpy as np
 
@@ -43,20 +44,24 @@ def with_held_beside(fit: Fit, open_simulator: OpenSimulator) -> Fit:
     return replace(fit, identifiability=fit.identifiability.beside_held(notes)) if notes else fit
 
 
-def _held(calibration: Calibration) -> list[Parameter]:
-    """Return parameters of the model that are held at a value that is not zero."""
+def held_parameters(calibration: Calibration, declared: Iterable[str] = ()) -> Iterator[Parameter]:
+    """Yield parameters of the model that are held at a value that is not zero: those first that the user gave one,
+    then ``declared`` ones."""
     model, fixed = calibration.model, calibration.fixed
     searched = {p.target.name for p in calibration.parameters if isinstance(p.target, ParameterTarget)}
-    found: list[Parameter] = []
-    for name in dict.fromkeys([*fixed, *model.declared.fixed, *(v.name for v in model.parameters)]):
-        v = next((v for v in model.parameters if v.name == name), None)
-        value = fixed.get(name, v.start if v is not None else None)
-        if value and name not in searched and len(found) < MOST_HELD:
+    starts = {v.name: v.start for v in model.parameters}
+    for name in dict.fromkeys([*fixed, *declared, *starts]):
+        value = fixed.get(name, starts.get(name))
+        if value and name not in searched:
             with suppress(InputError):
-                (one,) = parameters_from_model(model, [name])
-                low, high = sorted((0.0, 2.0 * value))
-                found.append(replace(one, start=value, lower=low, upper=high, scale="linear"))
-    return found
+                yield replace(parameters_from_model(model, [name]).items[0], start=value)
+
+
+def _held(calibration: Calibration) -> list[Parameter]:
+    """Return held parameters between zero and twice their values."""
+    held = islice(held_parameters(calibration, calibration.model.declared.fixed), MOST_HELD)
+    bounds = ((p, sorted((0.0, 2.0 * p.start))) for p in held)
+    return [replace(p, lower=low, upper=high, scale="linear") for p, (low, high) in bounds]
 
 
 def _standing_for(fit: Fit, held: list[Parameter], open_simulator: OpenSimulator) -> list[tuple[str, Parameter]]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import replace
 from functools import partial
@@ -11,7 +11,6 @@ from functools import partial
 import numpy as np
 
 from aero_bayes.data.means import Stamp, with_means
-from aero_bayes.data.recording import Recording
 from aero_bayes.display import join_names
 from aero_bayes.errors import CannotFinishError, InputError
 from aero_bayes.estimate.calibration import Calibration
@@ -20,8 +19,10 @@ from aero_bayes.estimate.objective import Objective
 from aero_bayes.estimate.other_reading import (
     MIN_WORST,
     Reading,
+    Refits,
     after_step,
     explains_all,
+    fitted_rows,
     gains_of,
     scaled_rows,
     with_finding,
@@ -39,12 +40,7 @@ SAMPLES = 1000
 MAX_TRIED, ALIKE = 3, 1.02
 
 
-def without_means(
-    fit: Fit,
-    calibrated: Callable[[Sequence[Recording]], Calibration],
-    fitted: Callable[[Calibration], Fit],
-    open_simulator: OpenSimulator,
-) -> Fit | None:
+def without_means(fit: Fit, refits: Refits) -> Fit | None:
     """Return the fit with the finding of means that explain what it leaves; None where none do."""
     data = fit.calibration.data
     if fit.calibration.model.interface == "co-simulation":  # whose runs take as many times as long as means have nodes
@@ -52,14 +48,14 @@ def without_means(
     tried = []
     for stamps in _candidates(fit):
         with suppress(InputError, CannotFinishError):
-            calibration = calibrated([with_means(r, stamps) for r in data.recordings])
-            left = _left(fit, calibration, open_simulator)
+            calibration = refits.calibrated([with_means(r, stamps) for r in data.recordings])
+            left = _left(fit, calibration, refits.open)
             if left <= MOST_LEFT:
                 tried.append((left, stamps, calibration))
     best: tuple[float, Mapping[str, Stamp], Fit] | None = None
     for _, stamps, calibration in sorted(tried, key=lambda one: round(one[0], 2))[:MAX_TRIED]:
         with suppress(CannotFinishError):
-            again = fitted(calibration)
+            again = refits.fitted(calibration)
             gains = gains_of(fit, again)
             good = explains_all(fit, again) or (max(gains) > MIN_FACTOR and min(gains) >= MIN_WORST)
             # Means of all channels by one time differ by a shift of it only: the end, which is usual, is tried first.
@@ -94,10 +90,8 @@ def _left(fit: Fit, calibration: Calibration, open_simulator: OpenSimulator) -> 
         run = objective.evaluate(at, range(len(parameters)))
     if run is None or run.slopes is None:
         return math.inf
-    sd = [fit.noise[s.output].sd for s in objective.series]
-    residual = np.concatenate([r / size for r, size in zip(run.residual, sd, strict=True)])
-    slopes = np.concatenate([rows / size for rows, size in zip(run.slopes, sd, strict=True)], axis=1)
-    before, rest = scaled_rows(fit)[0], after_step(slopes, residual)
+    residual, slopes = scaled_rows(objective.series, run, fit.noise)
+    before, rest = fitted_rows(fit)[0], after_step(slopes, residual)
     return float(np.mean(rest**2)) / max(float(np.mean(before**2)), 1e-300)
 
 

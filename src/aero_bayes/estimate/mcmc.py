@@ -14,7 +14,6 @@ from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from threading import Lock
-from typing import Protocol
 
 import emcee
 import numpy as np
@@ -35,11 +34,8 @@ from aero_bayes.estimate.moves import (
 )
 from aero_bayes.progress import Progress
 
-
-class MakeMoves(Protocol):
-    """Moves and their shares, from what burn-in has learnt, for a density with the inexpensive part ``prior``."""
-
-    def __call__(self, adaptation: Adaptation, prior: Density) -> Sequence[tuple[Move, float]]: ...
+#: Moves and their shares, from what burn-in has learnt, for a density with this inexpensive part (the prior).
+MakeMoves = Callable[[Adaptation, Density], Sequence[tuple[Move, float]]]
 
 
 def standard_moves(adaptation: Adaptation, prior: Density) -> Sequence[tuple[Move, float]]:

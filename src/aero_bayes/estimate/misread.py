@@ -14,11 +14,11 @@ means over intervals are looked at first.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from functools import partial
-from itertools import combinations
+from itertools import combinations, islice
 
 import numpy as np
 
@@ -27,7 +27,7 @@ from aero_bayes.data.recording import Recording
 from aero_bayes.display import join_names
 from aero_bayes.errors import CannotFinishError, InputError
 from aero_bayes.estimate.calibration import Calibration, for_recordings
-from aero_bayes.estimate.diagnosis import LeftOver
+from aero_bayes.estimate.held_values import held_parameters
 from aero_bayes.estimate.interval_means import without_means
 from aero_bayes.estimate.levenberg_marquardt import LocalSettings, Stop
 from aero_bayes.estimate.local_fit import LocalFitSettings, OpenSimulator, local_fit
@@ -36,15 +36,19 @@ from aero_bayes.estimate.other_reading import (
     MIN_CLEAN_FACTOR,
     MIN_WORST,
     Reading,
+    Refits,
+    Tried,
     after_step,
     changed_columns,
     converted,
     gains_of,
     residual_shares,
+    scaled_rows,
     with_finding,
 )
-from aero_bayes.estimate.parameters import Parameter, ParameterSet, parameters_from_model
+from aero_bayes.estimate.parameters import Parameter, ParameterSet
 from aero_bayes.estimate.prior_pull import without_wrong_prior
+from aero_bayes.estimate.residual_tests import structured_residuals
 from aero_bayes.estimate.result import Fit
 from aero_bayes.estimate.zero_shift import without_constant
 from aero_bayes.modelica.units import conversion
@@ -80,46 +84,34 @@ MOST_READINGS, MIN_GONE = 2000, 0.1
 PARTS = 3
 #: Most held parameters that are looked at.
 MOST_HELD = 20
-#: Factors by which a fit of another reading makes the residuals smaller, and whether it leaves structure.
-Tried = tuple[list[float], bool]
 
 
-def with_misread_finding(
-    fit: Fit,
-    calibrated: Callable[[Sequence[Recording]], Calibration],
-    fitted: Callable[[Calibration], Fit],
-    open_simulator: OpenSimulator,
-    each_fitted: Callable[
-        [Sequence[Calibration], Callable[[Calibration], bool], Callable[[Fit], Tried]], Iterable[Tried | None]
-    ],
-) -> Fit:
-    """Return the fit with a finding of its data where it is poor, and good with the data read in another way.
-
-    ``each_fitted`` gives what a function tells of the fit of each calibration that another one lets pass, else None."""
+def with_misread_finding(fit: Fit, refits: Refits) -> Fit:
+    """Return the fit with a finding of its data where it is poor, and good with the data read in another way."""
     data = fit.calibration.data
     structured = any(n.model_error or n.kind == "ou" for n in fit.noise.values())
-    if fit.calibration.process is not None or not (structured or LeftOver(fit).structured):
+    if fit.calibration.process is not None or not (structured or structured_residuals(fit.reports)):
         return fit
-    if (told := without_wrong_prior(fit, fitted)) is not None:
+    if (told := without_wrong_prior(fit, refits)) is not None:
         return told
-    if (told := without_means(fit, calibrated, fitted, open_simulator)) is not None:
+    if (told := without_means(fit, refits)) is not None:
         return told
     if not structured:
-        found = without_constant(fit, calibrated, fitted, open_simulator)
+        found = without_constant(fit, refits)
         return fit if found is None else found
     tried: list[tuple[float, Reading, Calibration]] = []
     poor = max(residual_shares(data, fit.fitted).values(), default=0.0) > POOR_SHARE
     readings = [r for r in _readings(fit) if poor or r.kind == "swap"]  # two channels may be nearly alike
-    for reading in (*readings, *_clocks(fit), *_other_values(fit, open_simulator)):
+    for reading in (*readings, *_clocks(fit), *_other_values(fit, refits.open)):
         with suppress(InputError, CannotFinishError):
-            calibration = reading.calibrated(calibrated([reading.recorded(r) for r in data.recordings]))
+            calibration = reading.calibrated(refits.calibrated([reading.recorded(r) for r in data.recordings]))
             calibration = replace(calibration, data=calibration.data.thinned(SAMPLES))
-            tried.append((_nearest(calibration, fit, open_simulator), reading, calibration))
+            tried.append((_nearest(calibration, fit, refits.open), reading, calibration))
     best: tuple[float, Reading, Calibration] | None = None
     clean = False
     promising = [*_most_promising(tried)]
-    near = partial(_comes_near, fit, open_simulator)
-    ends = each_fitted([calibration for _, calibration in promising], near, partial(_what_changes, fit))
+    near = partial(_comes_near, fit, refits.open)
+    ends = refits.each_fitted([calibration for _, calibration in promising], near, partial(_what_changes, fit))
     for (reading, calibration), end in zip(promising, ends, strict=True):
         gains, structured = end if end is not None else ([0.0], True)
         if max(gains) < MIN_CLEAN_FACTOR or min(gains) < MIN_WORST:
@@ -132,10 +124,10 @@ def with_misread_finding(
             best, clean = (total, reading, calibration), not structured
         if max(gains) > SURE_FACTOR and not structured:
             break
-    if not clean and (told := without_constant(fit, calibrated, fitted, open_simulator)) is not None:
+    if not clean and (told := without_constant(fit, refits)) is not None:
         return told
     # Fitted once more: a fit stays in the process in which it was made.
-    return fit if best is None else with_finding(fit, best[1], fitted(best[2]))
+    return fit if best is None else with_finding(fit, best[1], refits.fitted(best[2]))
 
 
 def _what_changes(fit: Fit, again: Fit) -> Tried:
@@ -343,9 +335,7 @@ def _other_values(fit: Fit, open_simulator: OpenSimulator) -> list[Reading]:
         run = Objective(whole, simulator).evaluate(at, [*fit.free, *range(count, count + len(held))])
     if run is None or run.slopes is None:
         return []
-    sd = [fit.noise[s.output].sd for s in fit.series]
-    residual = np.concatenate([r / size for r, size in zip(run.residual, sd, strict=True)])
-    slopes = np.concatenate([rows / size for rows, size in zip(run.slopes, sd, strict=True)], axis=1)
+    residual, slopes = scaled_rows(fit.series, run, fit.noise)
     whose = [calibration.data.recordings[s.experiment] for s in fit.series]
     names = [r.part_of or r.name for r in whose]
     runs = np.repeat([sorted(set(names)).index(name) for name in names], [s.sampling.size for s in fit.series])
@@ -405,14 +395,6 @@ def _is_shared(p: Parameter) -> bool:
 
 
 def _held(calibration: Calibration) -> list[Parameter]:
-    """Return parameters of the model that are held at a value, those first that the user gave one."""
-    fixed, model = calibration.fixed, calibration.model
-    searched = {p.target.name for p in calibration.parameters if isinstance(p.target, ParameterTarget)}
-    found: list[Parameter] = []
-    for name in dict.fromkeys([*fixed, *(v.name for v in model.parameters)]):
-        value = fixed.get(name, model.parameter(name).start)
-        if name not in searched and value and len(found) < MOST_HELD:
-            with suppress(InputError):
-                (one,) = parameters_from_model(model, [name])
-                found += [replace(one, start=value)] if one.lower <= value <= one.upper else []
-    return found
+    """Return held parameters whose values are within their bounds."""
+    inside = (p for p in held_parameters(calibration) if p.lower <= p.start <= p.upper)
+    return list(islice(inside, MOST_HELD))

@@ -282,9 +282,7 @@ class DifferentialMove(RedBlueMove):  # type: ignore[misc]
     With x_a, x_b drawn from the other half, x' = x + g (x_a - x_b) + e; the proposal is symmetric. g is
     2.38 / sqrt(2 d) spread by 30 %, and 1 in a tenth of the steps, which jumps between modes."""
 
-    def __init__(self, jump: float = 0.1, noise: float = 1e-5) -> None:
-        super().__init__()
-        self._jump, self._noise = jump, noise
+    JUMP, NOISE = 0.1, 1e-5
 
     def get_proposal(
         self, sample: FloatArray, complement: Sequence[FloatArray], random: np.random.RandomState
@@ -295,9 +293,9 @@ class DifferentialMove(RedBlueMove):  # type: ignore[misc]
         first = random.randint(len(others), size=n)
         second = (first + 1 + random.randint(len(others) - 1, size=n)) % len(others)
         scale = 2.38 / np.sqrt(2.0 * d) * np.exp(0.3 * random.randn(n))
-        if random.rand() < self._jump:
+        if random.rand() < self.JUMP:
             scale = np.ones(n)
-        spread = self._noise * np.std(others, axis=0) * random.randn(n, d)
+        spread = self.NOISE * np.std(others, axis=0) * random.randn(n, d)
         return sample + scale[:, None] * (others[first] - others[second]) + spread, np.zeros(n)
 
 

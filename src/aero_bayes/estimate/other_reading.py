@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -12,9 +12,11 @@ from aero_bayes.data.find_table import DataFinding, FindingKind
 from aero_bayes.data.recording import Recording
 from aero_bayes.display import join_names, with_unit
 from aero_bayes.estimate.calibration import Calibration
-from aero_bayes.estimate.diagnosis import LeftOver
 from aero_bayes.estimate.local_fit import OpenSimulator
 from aero_bayes.estimate.measured_data import MeasuredData
+from aero_bayes.estimate.noise import OutputNoise
+from aero_bayes.estimate.objective import Evaluation, Series
+from aero_bayes.estimate.residual_tests import structured_residuals
 from aero_bayes.estimate.result import Fit
 from aero_bayes.simulation.interface import Outcome, ParameterTarget
 
@@ -23,6 +25,24 @@ from aero_bayes.simulation.interface import Outcome, ParameterTarget
 MIN_CLEAN_FACTOR, MIN_CORRELATED_FACTOR, MIN_WORST = 1.5, 3.0, 0.9
 #: Values of parameters that a finding tells.
 MOST_VALUES = 4
+
+
+#: Factors by which a fit of another reading makes the residuals smaller, and whether it leaves structure.
+Tried = tuple[list[float], bool]
+
+
+@dataclass(frozen=True, eq=False)
+class Refits:
+    """How a fit is done again, with other recordings or another calibration.
+
+    ``each_fitted`` gives what a function tells of the fit of each calibration that another one lets pass, else None."""
+
+    calibrated: Callable[[Sequence[Recording]], Calibration]
+    fitted: Callable[[Calibration], Fit]
+    open: OpenSimulator
+    each_fitted: Callable[
+        [Sequence[Calibration], Callable[[Calibration], bool], Callable[[Fit], Tried]], Iterable[Tried | None]
+    ]
 
 
 @dataclass(frozen=True)
@@ -90,17 +110,23 @@ def explains_all(fit: Fit, again: Fit, least: float = MIN_CLEAN_FACTOR) -> bool:
     gains = gains_of(fit, again)
     if any(n.kind == "ou" for n in again.noise.values()):
         least = max(least, MIN_CORRELATED_FACTOR)
-    clean = not any(n.model_error for n in again.noise.values()) and not LeftOver(again).structured
+    clean = not any(n.model_error for n in again.noise.values()) and not structured_residuals(again.reports)
     return clean and max(gains) >= least and min(gains) >= MIN_WORST
 
 
-def scaled_rows(fit: Fit) -> tuple[FloatArray, FloatArray]:
-    """Return residual (N,) and slopes (k, N) of a fit in standard deviations of its noise, all series end to end."""
-    sd = [fit.noise[s.output].sd for s in fit.series]
-    evaluation = fit.optimum.evaluation
-    assert evaluation.slopes is not None
-    residual = np.concatenate([r / size for r, size in zip(evaluation.residual, sd, strict=True)])
-    return residual, np.concatenate([rows / size for rows, size in zip(evaluation.slopes, sd, strict=True)], axis=1)
+def scaled_rows(
+    series: Sequence[Series], run: Evaluation, noise: Mapping[str, OutputNoise]
+) -> tuple[FloatArray, FloatArray]:
+    """Return residual (N,) and slopes (k, N) of a run in standard deviations of a noise, all series end to end."""
+    sd = [noise[s.output].sd for s in series]
+    assert run.slopes is not None
+    residual = np.concatenate([r / size for r, size in zip(run.residual, sd, strict=True)])
+    return residual, np.concatenate([rows / size for rows, size in zip(run.slopes, sd, strict=True)], axis=1)
+
+
+def fitted_rows(fit: Fit) -> tuple[FloatArray, FloatArray]:
+    """Return :func:`scaled_rows` of a fit at its optimum."""
+    return scaled_rows(fit.series, fit.optimum.evaluation, fit.noise)
 
 
 def changed_outputs(

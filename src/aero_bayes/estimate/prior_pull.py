@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
 
@@ -11,7 +10,7 @@ import numpy as np
 from aero_bayes.display import join_names
 from aero_bayes.errors import CannotFinishError
 from aero_bayes.estimate.calibration import Calibration
-from aero_bayes.estimate.other_reading import MIN_WORST, Reading, explains_all, scaled_rows, with_finding
+from aero_bayes.estimate.other_reading import MIN_WORST, Reading, Refits, explains_all, fitted_rows, with_finding
 from aero_bayes.estimate.parameters import Parameter, ParameterSet
 from aero_bayes.estimate.priors import LogUniform, Uniform
 from aero_bayes.estimate.result import Fit
@@ -20,7 +19,7 @@ from aero_bayes.estimate.result import Fit
 MIN_PULL = 3.0
 
 
-def without_wrong_prior(fit: Fit, fitted: Callable[[Calibration], Fit]) -> Fit | None:
+def without_wrong_prior(fit: Fit, refits: Refits) -> Fit | None:
     """Return the fit with the finding of priors that are the cause of its misfit; None where they are not."""
     items = fit.calibration.parameters.items
     pulled = _pulled(fit)
@@ -29,7 +28,7 @@ def without_wrong_prior(fit: Fit, fitted: Callable[[Calibration], Fit]) -> Fit |
         if not dropped:
             continue
         with suppress(CannotFinishError):
-            again = fitted(_without_priors(fit, dropped))
+            again = refits.fitted(_without_priors(fit, dropped))
             off = {items[j].name: items[j].prior.deviations(float(again.values[j])) for j in dropped}
             if explains_all(fit, again, MIN_WORST) and max(off.values()) > MIN_PULL:
                 return with_finding(fit, _told([items[j] for j in dropped], off), again)
@@ -39,7 +38,7 @@ def without_wrong_prior(fit: Fit, fitted: Callable[[Calibration], Fit]) -> Fit |
 def _pulled(fit: Fit) -> list[int]:
     """List columns whose priors the fit, or a step of the readings alone from it, is far off: the farthest first."""
     parameters = fit.calibration.parameters
-    residual, slopes = scaled_rows(fit)
+    residual, slopes = fitted_rows(fit)
     step = np.linalg.lstsq(slopes.T, residual, rcond=1e-8)[0] if len(slopes) else np.zeros(0)
     point = parameters.to_search(fit.values)
     point[list(fit.free)] += step

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 
 from aero_bayes.arguments import require_type
 from aero_bayes.arrays import FloatArray
+from aero_bayes.data.noise import noise_floors
 from aero_bayes.data.recording import Recording
 from aero_bayes.display import with_unit
 from aero_bayes.estimate.calibration import Calibration
@@ -35,6 +36,7 @@ from aero_bayes.estimate.other_tools import (
 )
 from aero_bayes.estimate.parameters import ParameterSet
 from aero_bayes.estimate.prediction import FittedPredictor
+from aero_bayes.estimate.residual_tests import ResidualReport, check_residuals
 from aero_bayes.estimate.simulate import simulate
 from aero_bayes.estimate.swarm import SwarmResult
 from aero_bayes.estimate.target import CurvatureAdjustment, JointTarget, NoiseLayout, Target
@@ -146,6 +148,8 @@ class Fit(OtherTools, HasPage):
     ...     target, joint = fit.target(simulator), fit.joint_target(simulator)
     ...     target.free, joint.target.free
     ((0, 1), (0, 1))
+    >>> [report.verdict for report in fit.reports], list(fit.floors)
+    (['structured'], [('train', 'position')])
     >>> fit.covariance.shape
     (2, 2)
     >>> [row.cause for row in fit.diagnosis if row.found]
@@ -248,6 +252,16 @@ class Fit(OtherTools, HasPage):
         table |= {n: table[n].with_note(ROUNDED) for n, s in self.rounding_shift.items() if s > 1.0 and table[n].sd}
         table |= {name: table[name].with_failed_interval(note) for name, note in wrong.items()}
         return table | chosen_estimates(self.trials)
+
+    @cached_property
+    def floors(self) -> dict[tuple[str, str], float]:
+        """Noise floors by recording and output, where they are known."""
+        return noise_floors(self.calibration.data.recordings, self.outputs)
+
+    @cached_property
+    def reports(self) -> tuple[ResidualReport, ...]:
+        """What is left of each output of each recording, with its tests."""
+        return check_residuals(self.calibration, self.series, self.optimum, self.floors)
 
     @cached_property
     def diagnosis(self) -> Diagnosis:

@@ -129,26 +129,17 @@ def mode_fits(fit: Fit, simulator: Simulator) -> tuple[Fit, ...]:
     return tuple(found)
 
 
-class Region:
+class Region(JointTarget):
     """The joint log-posterior around one mode: minus infinity at points that are nearer to another one."""
 
     def __init__(self, joint: JointTarget, fits: Sequence[Fit], own: int) -> None:
-        self.joint, self.own = joint, own
-        self._nearest = NearestMode.of(fits)
+        super().__init__(joint.target, joint.layout)
+        self.own, self._nearest = own, NearestMode.of(fits)
 
     def log_prior(self, points: FloatArray) -> FloatArray:
         """Compute the log-prior, shape (n,), minus infinity outside the region."""
-        inside = self._nearest.of_points(points[:, : len(self.joint.target.free)]) == self.own
-        return np.where(inside, self.joint.log_prior(points), -np.inf)
-
-    def __call__(self, points: FloatArray) -> FloatArray:
-        """Compute the log-posterior, shape (n,); points outside the region are not simulated."""
-        points = np.asarray(points, dtype=np.float64)
-        total = np.full(len(points), -np.inf)
-        inside = np.isfinite(self.log_prior(points))
-        if inside.any():
-            total[inside] = self.joint(points[inside])
-        return total
+        inside = self._nearest.of_points(points[:, : len(self.target.free)]) == self.own
+        return np.where(inside, super().log_prior(points), -np.inf)
 
 
 @dataclass(frozen=True, eq=False)

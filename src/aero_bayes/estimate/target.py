@@ -194,7 +194,6 @@ class JointTarget:
     def __init__(self, target: Target, layout: NoiseLayout) -> None:
         self.target, self.layout = target, layout
         self.names = target.parameters.names + layout.names
-        self.evaluations = 0
 
     @property
     def dimension(self) -> int:
@@ -226,7 +225,6 @@ class JointTarget:
             if self.target.spread is not None:
                 likelihood = likelihood + self.target.spread.added(points[inside, :f])
             total[inside] += np.where(np.isnan(likelihood), -np.inf, likelihood)
-            self.evaluations += int(inside.sum())
         return total
 
 

@@ -6,26 +6,24 @@ model is fitted to the data with it, and the constant is improved from there: th
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
 
 from aero_bayes.arrays import FloatArray
-from aero_bayes.data.recording import Recording
 from aero_bayes.display import join_names, with_unit
 from aero_bayes.errors import CannotFinishError, InputError
-from aero_bayes.estimate.calibration import Calibration
 from aero_bayes.estimate.local_fit import OpenSimulator
 from aero_bayes.estimate.other_reading import (
     Reading,
+    Refits,
     after_step,
     change_of,
     changed_outputs,
     converted,
     explains_all,
-    scaled_rows,
+    fitted_rows,
     with_finding,
 )
 from aero_bayes.estimate.result import Fit
@@ -51,24 +49,19 @@ class _Constant:
     left: float
 
 
-def without_constant(
-    fit: Fit,
-    calibrated: Callable[[Sequence[Recording]], Calibration],
-    fitted: Callable[[Calibration], Fit],
-    open_simulator: OpenSimulator,
-) -> Fit | None:
+def without_constant(fit: Fit, refits: Refits) -> Fit | None:
     """Return the fit with the finding of a constant that explains what it leaves; None where none does."""
     data, units = fit.calibration.data, fit.calibration.model.units
     channels = [*data.outputs, *dict.fromkeys(s.name for e in data.experiments for s in e.inputs)]
-    found = [(constant, name) for name in channels if (constant := _constant(fit, name, open_simulator)) is not None]
+    found = [(constant, name) for name in channels if (constant := _constant(fit, name, refits.open)) is not None]
     promising = [pair for pair in sorted(found, key=lambda pair: pair[0].left) if pair[0].left <= MOST_LEFT]
     explaining: dict[str, tuple[float, Fit]] = {}
     for constant, channel in promising[:MAX_TRIED]:
         with suppress(InputError, CannotFinishError):
             value, again = constant.value, fit
             for _ in range(MAX_REFITS):
-                again = fitted(calibrated([converted(channel, 1.0, value, r) for r in data.recordings]))
-                more = _constant(again, channel, open_simulator)
+                again = refits.fitted(refits.calibrated([converted(channel, 1.0, value, r) for r in data.recordings]))
+                more = _constant(again, channel, refits.open)
                 if more is None or abs(more.value) < SETTLED * more.sd:
                     break
                 value += more.value
@@ -94,7 +87,7 @@ def _constant(fit: Fit, channel: str, open_simulator: OpenSimulator) -> _Constan
     effect = _effect(fit, channel, open_simulator)
     if effect is None:
         return None
-    residual, slopes = scaled_rows(fit)
+    residual, slopes = fitted_rows(fit)
     alone = after_step(slopes, effect)
     size = float(alone @ alone)
     if size <= MIN_SEEN**2 * float(effect @ effect):
