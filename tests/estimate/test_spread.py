@@ -16,6 +16,7 @@ from aero_bayes.estimate.levenberg_marquardt import LocalSettings
 from aero_bayes.estimate.local_fit import LocalFitSettings, Optimum, local_fit
 from aero_bayes.estimate.noise import OutputNoise, SampleTimes
 from aero_bayes.estimate.objective import Objective, Series
+from aero_bayes.estimate.target import CurvatureAdjustment
 
 EXACT = LocalFitSettings(LocalSettings(tolerance=1e-9), hold_noise=True, prior=False)
 HELD = OutputNoise(1.0, model_error=True)
@@ -172,3 +173,17 @@ def test_the_map_only_contracts():
     values = np.linalg.eigvalsh(scaled)
     assert np.all((values > 0.0) & (values < 1.0 + 1e-9))
     assert values[0] < 0.5
+
+
+def test_a_widened_likelihood_keeps_its_slope_at_the_fit():
+    """So the posterior has its mode where the fit has it: the slope of the prior there is balanced."""
+    prior, shrunk, centre = np.array([3.0, -1.0]), np.array([[0.3, 0.1], [0.1, 0.6]]), np.array([0.2, 0.5])
+    wide = CurvatureAdjustment(centre, shrunk, prior)
+
+    def log_likelihood(x):
+        off = wide(x[None])[0] - centre
+        return float(-prior @ off - 0.5 * off @ off) + float(wide.added(x[None])[0])
+
+    step = 1e-6 * np.eye(2)
+    slope = [(log_likelihood(centre + s) - log_likelihood(centre - s)) / 2e-6 for s in step]
+    assert slope == pytest.approx(-prior, abs=1e-6)
