@@ -20,6 +20,7 @@ from pathlib import Path
 from typing import Any
 
 import click
+import numpy as np
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
@@ -30,7 +31,7 @@ from aero_bayes.estimate.convergence import SampleSettings
 from aero_bayes.laws.law import shipped_laws
 from aero_bayes.laws.law_places import LawPlaces
 from aero_bayes.loop.first_fit import LoopSettings
-from aero_bayes.plain import Number
+from aero_bayes.plain import Number, Numbers, Rows
 from aero_bayes.report.schema_run import FleetJson, RunJson
 
 if typing.TYPE_CHECKING:
@@ -257,9 +258,8 @@ def _keys(part: type) -> list[tuple[str, object, str]]:
     hints = typing.get_type_hints(part, include_extras=True)
     if issubclass(part, BaseModel):
         return [(f.alias or name, hints[name], _result_default(_value(f))) for name, f in part.model_fields.items()]
-    known = {f.name: f for f in dataclasses.fields(part)}
-    names = part.JSON_KEYS.split() if hasattr(part, "JSON_KEYS") else known
-    return [(name, hints[name], _result_default(_value(known[name]))) for name in names]
+    told = (f for f in dataclasses.fields(part) if "internal" not in f.metadata)
+    return [(f.name, hints[f.name], _result_default(_value(f))) for f in told]
 
 
 def _part(part: type) -> str:
@@ -280,6 +280,10 @@ def _linked(annotation: object) -> str:
         return f"[{annotation.__name__}](#{annotation.__name__.lower()})"
     if annotation == Number:
         return "number or null"
+    if annotation == Numbers:
+        return "list of number or null"
+    if typing.get_origin(annotation) is typing.Annotated and annotation == Rows[_parts(annotation)[0]]:  # type: ignore[misc]
+        return _linked(_parts(annotation)[0]) + " by name"
     if origin is typing.Annotated:
         return _linked(arguments[0])
     if isinstance(annotation, type) and issubclass(annotation, Enum):
@@ -305,9 +309,11 @@ def _result_default(value: object) -> str:
         return "always there"
     if isinstance(value, BaseModel):
         return ""
-    if isinstance(value, list | dict | tuple):
+    if isinstance(value, list | dict | tuple | np.ndarray):
         return "empty"
-    return "null" if value in (None, math.inf) else str(value).lower() if isinstance(value, bool) else str(value)
+    if value is None or (isinstance(value, float) and not math.isfinite(value)):
+        return "null"
+    return str(value).lower() if isinstance(value, bool) else str(value)
 
 
 # Command line, laws, library ----------------------------------------------------------------------------------------

@@ -10,12 +10,12 @@ from typing import Any, Literal, TypeVar, get_type_hints
 
 from pydantic import BaseModel, ConfigDict, Field, PrivateAttr, ValidationError, create_model
 
-from aero_bayes.arguments import Count, NotNegative, Positive
+from aero_bayes.arguments import NotNegative, Positive
 from aero_bayes.data.columns import ColumnMap
 from aero_bayes.errors import InputError
 from aero_bayes.estimate.convergence import SampleSettings
 from aero_bayes.estimate.initial_states import CalibrationSettings
-from aero_bayes.estimate.levenberg_marquardt import FitSettings
+from aero_bayes.estimate.levenberg_marquardt import FitSettings, Stage
 from aero_bayes.estimate.swarm import SwarmSettings
 from aero_bayes.loop.first_fit import LoopSettings
 from aero_bayes.modelica.sources import as_packages
@@ -32,9 +32,11 @@ class Section(BaseModel):
 
 
 def keys_of(settings: object, names: str) -> Callable[[type[Sections]], type[Sections]]:
-    """Give a section the keys that are settings of these names: their types, limits and defaults are declared there."""
-    hints = get_type_hints(type(settings), include_extras=True)
-    keys: Any = {name: (hints[name], getattr(settings, name)) for name in names.split()}
+    """Give a section the keys that are settings of these names: their types, limits and defaults are declared there.
+
+    Of a class of settings in place of an object, keys without a default are required."""
+    hints = get_type_hints(settings if isinstance(settings, type) else type(settings), include_extras=True)
+    keys: Any = {name: (hints[name], getattr(settings, name, ...)) for name in names.split()}
 
     def with_keys(section: type[Sections]) -> type[Sections]:
         found: type[Sections] = create_model(
@@ -114,19 +116,15 @@ class PsoSection(Section):
     """``[fit.pso]``: particle swarm."""
 
 
+@keys_of(FitSettings(), "starts")
+@keys_of(FitSettings().local, "iterations tolerance")
 class LocalSection(Section):
     """``[fit.local]``: bounded trust-region search."""
 
-    iterations: Count = 60
-    tolerance: Positive = 1e-4
-    starts: Count = 3
 
-
+@keys_of(Stage, "parameters outputs")
 class StageSection(Section):
     """One entry of ``[[fit.stages]]``: these parameters from these outputs."""
-
-    parameters: tuple[str, ...]
-    outputs: tuple[str, ...]
 
 
 @keys_of(FitSettings(), "cost method staged")

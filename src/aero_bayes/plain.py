@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import fields, is_dataclass
 from enum import Enum
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
 import numpy as np
-from pydantic import BeforeValidator, Field
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, PlainValidator
+
+from aero_bayes.arrays import FloatArray
 
 
 def number(value: float | None) -> float:
@@ -20,6 +22,10 @@ def number(value: float | None) -> float:
 
 #: A number of a result, which JSON has as null where it is not finite.
 Number = Annotated[float, Field(allow_inf_nan=True), BeforeValidator(number)]
+#: Numbers of a result, which JSON has as a list.
+Numbers = Annotated[FloatArray, PlainValidator(lambda values: np.asarray(values, dtype=np.float64))]
+#: Metadata of a field that JSON leaves out, and of a tuple of objects with names that it has as a table by name.
+INTERNAL, BY_NAME = {"internal": True}, {"by_name": True}
 
 
 def named(table: Any) -> Any:
@@ -28,19 +34,30 @@ def named(table: Any) -> Any:
 
 
 Item = TypeVar("Item")
-#: A table by name of objects that hold their name.
+#: A table by name of objects that hold their name; and such objects in their order, which JSON has as that table.
 ByName = Annotated[dict[str, Item], BeforeValidator(named)]
+Rows = Annotated[tuple[Item, ...], BeforeValidator(lambda given: list(named(given).values()))]
+
+
+#: A number of a result, null where it is not finite.
+JsonNumber = float | None
+
+
+class JsonTable(BaseModel):
+    """A table of the result. Keys that are not named here are kept."""
+
+    model_config = ConfigDict(frozen=True, extra="allow", populate_by_name=True, allow_inf_nan=False)
 
 
 def plain(value: Any) -> Any:
-    """Convert a value to types that JSON has; of a dataclass its fields, or the attributes that ``JSON_KEYS`` names."""
+    """Convert a value to types that JSON has; of a dataclass the fields, as their metadata say."""
     if isinstance(value, Enum):
         return plain(value.value)
     if isinstance(value, Mapping):
         return {str(key): plain(item) for key, item in value.items()}
     if is_dataclass(value) and not isinstance(value, type):
-        keys = value.JSON_KEYS.split() if hasattr(value, "JSON_KEYS") else [field.name for field in fields(value)]
-        return {key: plain(getattr(value, key)) for key in keys}
+        told = {f: getattr(value, f.name) for f in fields(value) if "internal" not in f.metadata}
+        return {f.name: plain(_by_name(own) if "by_name" in f.metadata else own) for f, own in told.items()}
     if isinstance(value, np.ndarray):
         return plain(value.tolist())
     if isinstance(value, np.generic):
@@ -54,7 +71,12 @@ def plain(value: Any) -> Any:
     return value
 
 
-def picked(thing: object, names: str, **more: object) -> dict[str, Any]:
-    """Return some attributes of an object by name, as plain values; and ``more``."""
-    found: dict[str, Any] = plain({name: getattr(thing, name) for name in names.split()} | more)
+def _by_name(items: Iterable[Any]) -> dict[str, Any]:
+    return {item.name: item for item in items}
+
+
+def picked(table: type[JsonTable], thing: object, **given: object) -> dict[str, Any]:
+    """Return the keys of a table as plain values: those given, else attributes of that name where there are any."""
+    own = {key: getattr(thing, key) for key in table.model_fields if key not in given and hasattr(thing, key)}
+    found: dict[str, Any] = plain(own | given)
     return found

@@ -16,7 +16,6 @@ from aero_bayes.estimate.information import LEVELS, ExperimentPredictor, SearchS
 from aero_bayes.estimate.levenberg_marquardt import FitSettings
 from aero_bayes.estimate.propose import propose_experiment
 from aero_bayes.modelica.compilers import export_fmu
-from aero_bayes.plain import plain
 from aero_bayes.simulation.model import Model
 from simulated_rigs.designs import pulse
 
@@ -116,7 +115,7 @@ def test_proposal_follows_from_its_seed_and_reads_back(fitted, design, tmp_path:
         rows = list(csv.DictReader(file))
     assert np.allclose([float(r["V_m"]) for r in rows], design.values, atol=1e-4)
     assert np.allclose([float(r["time"]) for r in rows], design.time)
-    assert plain(design)["parameters"]["D_p"]["gain"] == pytest.approx(design.expected[5].gain)
+    assert design.to_dict()["parameters"]["D_p"]["gain"] == pytest.approx(design.expected[5].gain)
 
 
 def test_mistakes_get_one_line(fitted):

@@ -8,8 +8,7 @@ import pytest
 import aero_bayes
 from aero_bayes.estimate.diagnosis import CAUSES, Diagnosis, DiagnosisRow
 from aero_bayes.plain import plain
-from aero_bayes.report.schema_estimate import VerdictJson
-from aero_bayes.report.schema_run import RunJson
+from aero_bayes.report.schema_run import RunJson, VerdictJson
 from aero_bayes.report.words import verdict
 
 pytestmark = pytest.mark.fast

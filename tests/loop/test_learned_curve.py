@@ -12,7 +12,6 @@ from scipy.integrate import solve_ivp
 from aero_bayes.data import Recording
 from aero_bayes.loop import LoopResult, LoopSettings, close_loop
 from aero_bayes.report.loop_figures import curve_plate
-from aero_bayes.report.schema_run import EffectJson
 
 SOURCE = """model Slide "A mass on a spring and a damper"
   input Real F(unit = "N");
@@ -76,7 +75,7 @@ def test_a_ripple_over_the_place_is_learned_and_written(tmp_path) -> None:
     x, learned = curve.x[seen], curve.value[seen]
     assert np.all((curve.sd[seen] > 0.0) & (curve.sd[seen] < 0.1))
     both = np.stack([learned, 0.8 * np.sin(4.0 * x + 0.5)])
-    drawn = curve_plate(EffectJson.model_validate(found.effects[0].to_dict("")))
+    drawn = curve_plate(found.effects[0])
     assert drawn is not None
     assert re.search(facts("v", "x", "90 %"), drawn.alt)
     bent = both - np.stack([np.polyval(np.polyfit(x, y, 1), x) for y in both])

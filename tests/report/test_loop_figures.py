@@ -6,9 +6,8 @@ import re
 
 import pytest
 
-from aero_bayes.loop.result import Step, StepCandidate
+from aero_bayes.loop.result import LoopJson, Step, StepCandidate
 from aero_bayes.report.loop_figures import changed_equations, rounds_table
-from aero_bayes.report.schema_run import LoopJson
 
 pytestmark = pytest.mark.fast
 

@@ -12,16 +12,18 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
+from pydantic import TypeAdapter
 
 from aero_bayes.estimate.diagnosis import DiagnosisRow
 from aero_bayes.estimate.noise import autocorrelation
 from aero_bayes.estimate.residual_tests import RecordingError
+from aero_bayes.loop.extend import FoundEffect
 from aero_bayes.report import words
 from aero_bayes.report.drawing import Line, Panel, band_envelope, column_means, data_table, draw, envelope, nice_ticks
 from aero_bayes.report.findings import _beside_noise, _changed, checks_table
 from aero_bayes.report.page import BITS, pack_series
 from aero_bayes.report.pairs import most_correlated
-from aero_bayes.report.schema_run import EffectJson, RunJson
+from aero_bayes.report.schema_run import RunJson
 from aero_bayes.report.svg import Canvas
 from aero_bayes.report.tables import html_table, parameter_table
 from aero_bayes.report.text import duration, pretty_unit, rounded_value, sentence, signed, significant, symbol, tidy
@@ -134,7 +136,7 @@ def test_an_interval_that_is_not_even_is_written_by_its_ends_everywhere() -> Non
     """At a bound half of a width would be another interval than that of the table."""
     told = {"value": 0.003, "q05": 0.001, "q95": 0.089, "unit": "m/s", "status": "identified"}
     held = {"value": 0.1, "q05": 0.05, "q95": 0.1, "unit": "m/s", "status": "at_bound"}
-    effect = EffectJson.model_validate(
+    effect = TypeAdapter(FoundEffect).validate_python(
         {"id": "law@v", "port": "v", "kind": "catalogue", "parameters": {"v_s": told, "v_b": held}}
     )
     text = words.values(effect, {})
@@ -142,7 +144,7 @@ def test_an_interval_that_is_not_even_is_written_by_its_ends_everywhere() -> Non
     low, high = (float(x) for x in re.search(r"\(([\d.]+) to ([\d.]+)\)", text).groups())
     assert (low, high) == (0.001, 0.089)
     assert "0.05" not in text.partition("v_b")[2]
-    table = str(parameter_table(effect.parameters))
+    table = str(parameter_table({p.name: p for p in effect.parameters}))
     assert f"{low:.3f}" in table
     assert f"{high:.3f}" in table
 

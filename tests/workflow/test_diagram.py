@@ -9,7 +9,7 @@ import pytest
 from aero_bayes.commands.context import model_diagrams
 from aero_bayes.modelica.class_reader import build_tree, look_up, read_library
 from aero_bayes.modelica.library import modelica_root
-from aero_bayes.report.schema_estimate import ComponentJson, DiagramJson
+from aero_bayes.report.schema_run import ComponentJson, DiagramJson
 
 pytestmark = pytest.mark.fast
 

@@ -19,7 +19,7 @@ from aero_bayes.modelica.parse import evaluate_expression
 from aero_bayes.modelica.sources import modelica_files
 from aero_bayes.modelica.syntax import Array, Call, Expression, arguments_of, short_text
 from aero_bayes.report.results import versions
-from aero_bayes.report.schema_estimate import ComponentJson, ConnectionJson, DiagramJson, ShapeJson
+from aero_bayes.report.schema_run import ComponentJson, ConnectionJson, DiagramJson, ShapeJson
 
 _SCALARS = {"Real", "Integer", "Boolean", "String"}
 

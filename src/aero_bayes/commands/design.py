@@ -17,7 +17,6 @@ from aero_bayes.errors import InputError
 from aero_bayes.estimate.information import Limits, SearchSettings
 from aero_bayes.estimate.propose import Design, default_limits, expected_outputs, propose_experiment
 from aero_bayes.estimate.result import Fit
-from aero_bayes.plain import plain
 from aero_bayes.progress import ProgressBar
 from aero_bayes.report.results import Series, merge
 
@@ -61,7 +60,7 @@ def run_design(files: Sequence[Path], options: RunOptions, wanted: DesignOptions
             design = propose_experiment(base, targets=wanted.aim or None, **given)
             plan = _plan(design, base, given)
         about = {"file": SIGNAL_FILE, "unit": base.calibration.model.units[design.input]}
-        part: Json = {"design": plain(design) | about, "verdict": _verdict(design)}
+        part: Json = {"design": design.to_dict() | about, "verdict": _verdict(design)}
         result, series = fit_part(job, base)
         design.write_csv(options.out / SIGNAL_FILE)
         closing: Json = {"command": "design", "seconds": time.perf_counter() - began}

@@ -241,7 +241,7 @@ def _row(name: str, result: RunJson, searched: Mapping[str, Parameter]) -> Row:
     effects = loop.effects if loop else []
     equivalent = loop.equivalent if loop else []
     wanted = {*searched, *(key for effect in effects for key in effect.parameters)}
-    ratios = [one.ratio for outputs in result.residual.values() for one in outputs.values() if one.ratio is not None]
+    ratios = [one.ratio for outputs in result.residual.values() for one in outputs.values() if math.isfinite(one.ratio)]
     return {
         "key": name,
         "simulated": result.simulated,

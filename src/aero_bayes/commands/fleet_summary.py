@@ -14,8 +14,15 @@ from scipy.special import betaincinv, ndtr, ndtri
 from aero_bayes.arrays import FloatArray
 from aero_bayes.commands.fleet_runner import Row, Table
 from aero_bayes.estimate.residual_tests import MAX_FLOOR_RATIO
-from aero_bayes.report.schema_estimate import Level, VerdictJson
-from aero_bayes.report.schema_run import FleetEffectJson, FleetJson, FleetParameterJson, RangeJson, RigReasonJson
+from aero_bayes.report.schema_run import (
+    FleetEffectJson,
+    FleetJson,
+    FleetParameterJson,
+    Level,
+    RangeJson,
+    RigReasonJson,
+    VerdictJson,
+)
 
 #: Fewest rigs from which a spread is inferred: with fewer its flat prior says more than they.
 MIN_RIGS = 4

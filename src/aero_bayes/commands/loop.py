@@ -57,12 +57,12 @@ def fit_settings(job: Job) -> FitSettings:
         interpolation=data.interpolation or job.model.declared.recording.interpolation,
         solver=job.solver,
     )
-    stages = tuple(Stage(s.parameters, s.outputs) for s in section.stages) if section.stages else None
+    stages = tuple(Stage(**s.model_dump()) for s in section.stages) if section.stages else None
     settings = FitSettings(
-        starts=section.local.starts, noise=_noise(job), engine=job.engine, fixed=job.fixed, values=job.values,
+        noise=_noise(job), engine=job.engine, fixed=job.fixed, values=job.values,
         calibration=filled(calibration, section),
     )  # fmt: skip
-    return replace(filled(settings, section), stages=stages)
+    return replace(filled(filled(settings, section.local), section), stages=stages)
 
 
 def _noise(job: Job) -> NoiseModel:
@@ -194,10 +194,7 @@ def loop_part(job: Job, loop: LoopResult) -> Json:
         "residual": reports_by_recording(loop.final.reports),
         "noise": noise_at_interval(loop.noise, interval),
         "diagnosis": plain((loop.diagnosis if loop.after is loop.before else loop.after.diagnosis).rows),
-        "loop": {
-            **loop.to_dict(),
-            "diagnosis_before": loop.diagnosis.rows,
-        },
+        "loop": loop.to_dict(),
         "words": dict(loop.words),
         "failures": {"completed": loop.simulations - loop.failures, "failed": loop.failures},
         "identifiability": loop.identifiability.to_dict(),
@@ -266,23 +263,12 @@ def profile_part(job: Job, found: Fit, progress: ProgressBar) -> Json:
                 break
             progress("profiles", k / len(names), name)
             try:
-                curve = profile_likelihood(
+                profiles[name] = profile_likelihood(
                     found, name, simulator, points=PROFILE_POINTS,
                     settings=LocalSettings(iterations=MAX_PROFILE_ITERATIONS, tolerance=1e-3),
                 )  # fmt: skip
             except CannotFinishError:
                 skipped.append(name)
-                continue
-            alone = ParameterSet((found.calibration.parameters[name],))
-            prior = alone.log_prior(alone.to_search(curve.values[:, None]))
-            profiles[name] = {
-                "unit": curve.unit,
-                "values": curve.values.tolist(),
-                "drop": [d if np.isfinite(d) else None for d in curve.drop.tolist()],
-                "prior_drop": (prior.max() - prior).tolist(),
-                "interval": list(curve.interval),
-                "bounded": curve.bounded,
-            }
     return {
         "identifiability": {"profiles": profiles, "profile_drop_90": LOG_POSTERIOR_DROP_90, "not_profiled": skipped}
     }

@@ -5,8 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
-from typing import ClassVar
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -20,6 +19,7 @@ from aero_bayes.estimate.measured_data import readings_of
 from aero_bayes.estimate.parameters import ParameterSet
 from aero_bayes.estimate.result import Fit, rms_by_output
 from aero_bayes.estimate.simulate import on_recordings
+from aero_bayes.plain import INTERNAL, Number
 from aero_bayes.progress import Progress
 
 _REFIT_SETTINGS = FitSettings(method="local", staged=False)
@@ -32,11 +32,9 @@ class LeftOutPrediction:
     ``rms`` is the error of the prediction by output, ``rms_fitted`` that of the fit to all recordings. Outputs that no
     other recording has are not predicted."""
 
-    JSON_KEYS: ClassVar = "rms rms_fitted"
-
-    recording: str
-    rms: Mapping[str, float]
-    rms_fitted: Mapping[str, float]
+    rms: Mapping[str, Number]
+    rms_fitted: Mapping[str, Number]
+    recording: str = field(default="", metadata=INTERNAL)
 
 
 def leave_one_recording_out(
@@ -98,4 +96,4 @@ def _predicted(fit: Fit, rest: Fit, index: int, open_simulator: OpenSimulator) -
     left = readings_of(experiment) - outputs[np.searchsorted(recording.time, experiment.time)]
     error = rms_by_output([np.where(known, left, np.nan)], fit.outputs)
     own_fit = rms_by_output([fit.residuals[index]], fit.outputs)
-    return LeftOutPrediction(fit.calibration.data.names[index], error, {o: own_fit[o] for o in error})
+    return LeftOutPrediction(error, {o: own_fit[o] for o in error}, fit.calibration.data.names[index])

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import suppress
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, ClassVar, Literal, cast
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Literal, cast
 
 import numpy as np
 
@@ -20,6 +20,7 @@ from aero_bayes.estimate.other_tools import noise_by_recording
 from aero_bayes.estimate.residual_tests import ResidualReport, exact_level, structured_residuals
 from aero_bayes.modelica.rumoca_front import load_flat
 from aero_bayes.modelica.syntax import Call, Expression, Number, names_in, walk
+from aero_bayes.plain import INTERNAL
 from aero_bayes.simulation.engines import open_simulator
 from aero_bayes.simulation.interface import Outcome
 from aero_bayes.simulation.model import Model
@@ -36,14 +37,12 @@ CAUSES: tuple[Cause, ...] = ("data", "solver", "search", "noise", "model")
 class DiagnosisRow:
     """What was looked at and found of one cause."""
 
-    JSON_KEYS: ClassVar = "cause found what where done more"
-
     cause: Cause
     found: bool
     what: str
     where: str = ""
     done: str = ""
-    explains: bool = False
+    explains: bool = field(default=False, metadata=INTERNAL)
     more: tuple[str, ...] = ()
 
     @property

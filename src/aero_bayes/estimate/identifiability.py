@@ -7,7 +7,6 @@ import re
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
-from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +15,7 @@ from aero_bayes.arrays import FloatArray
 from aero_bayes.display import join_names, table_html
 from aero_bayes.estimate.calibration import Calibration
 from aero_bayes.estimate.delays import MIN_INFORMATION, StepParameter
-from aero_bayes.plain import Number, plain
+from aero_bayes.plain import INTERNAL, Number, plain
 from aero_bayes.simulation.interface import ParameterTarget
 from aero_bayes.simulation.model import Model
 
@@ -339,9 +338,7 @@ Json = dict[str, object]
 class Estimate:
     """Value and interval of one parameter; ``sd`` and the quantiles are None where the data do not determine it."""
 
-    JSON_KEYS: ClassVar = "value sd q05 q50 q95 unit status description prior start lower upper note recording"
-
-    name: str
+    name: str = field(metadata=INTERNAL)
     value: Number
     sd: float | None = None
     q05: float | None = None

@@ -14,6 +14,7 @@ from typing import Generic, Literal, Protocol, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from aero_bayes.arguments import Count, Positive
 from aero_bayes.arrays import FloatArray
 from aero_bayes.display import SettingsDisplay
 from aero_bayes.estimate.calibrated_model import ListedValue
@@ -91,8 +92,8 @@ class FixedCost:
 class LocalSettings:
     """When a local search stops."""
 
-    iterations: int = 60
-    tolerance: float = 1e-7
+    iterations: Count = 60
+    tolerance: Positive = 1e-7
     relative_tolerance: float = 1e-13
     step_tolerance: float = 1e-11
     damping: float = 1e-3
@@ -434,7 +435,7 @@ class FitSettings(SettingsDisplay):
     pso: SwarmSettings | None = field(default_factory=SwarmSettings)
     local: LocalSettings = field(default_factory=lambda: WHOLE_MODEL_LOCAL)
     swarm_samples: int = 600
-    starts: int = 3
+    starts: Count = 3
     calibration: CalibrationSettings = field(default_factory=CalibrationSettings)
     noise: NoiseModel = field(default_factory=NoiseModel)
     engine: Engine = "native"

@@ -7,7 +7,7 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 
@@ -23,7 +23,7 @@ from aero_bayes.estimate.measured_data import MeasuredData
 from aero_bayes.estimate.noise import OutputNoise, block_variance_ratio
 from aero_bayes.estimate.prediction import FittedResult
 from aero_bayes.files import whole_file, write_whole
-from aero_bayes.plain import Number, plain
+from aero_bayes.plain import INTERNAL, Number, plain
 from aero_bayes.simulation.interface import ParameterTarget, ProcessNoise, StartTarget
 
 #: Variance of averages over that of white noise above which a reader is warned.
@@ -103,11 +103,9 @@ Json = dict[str, object]
 class ValueTrial:
     """A fit with some values of the listed parameters."""
 
-    JSON_KEYS: ClassVar = "values share worse_by failed"
-
     values: Mapping[str, ListedValue]
-    numbers: Mapping[str, float] = field(default_factory=dict)
-    modifiers: Mapping[str, str] = field(default_factory=dict)
+    numbers: Mapping[str, float] = field(default_factory=dict, metadata=INTERNAL)
+    modifiers: Mapping[str, str] = field(default_factory=dict, metadata=INTERNAL)
     share: Number = 0.0
     worse_by: Number = math.inf
     failed: str = ""

@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from pydantic import Field
 
 from aero_bayes.arrays import FloatArray
 from aero_bayes.errors import InputError
@@ -31,10 +32,29 @@ from aero_bayes.estimate.result import Fit
 from aero_bayes.estimate.sampled_modes import ModeDraws
 from aero_bayes.figures import HasPage, Picture, drawn
 from aero_bayes.files import whole_file
-from aero_bayes.plain import picked, plain
+from aero_bayes.plain import JsonNumber, JsonTable, picked, plain
 from aero_bayes.simulation.interface import Outcome
 
 Json = dict[str, object]
+
+
+class McmcJson(JsonTable):
+    """The sampler."""
+
+    ensembles: int
+    draws: int
+    walkers: int | None = None
+    tau: JsonNumber
+    r_hat_max: JsonNumber
+    ess_bulk_min: JsonNumber
+    ess_tail_min: JsonNumber
+    seconds: float
+    converged: bool = True
+    reason: str = ""
+    acceptance: JsonNumber = None
+    evaluations: int | None = None
+    modes: list[ModeDraws] = Field(default_factory=list)
+    per_parameter: dict[str, Convergence] = Field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False)
@@ -186,12 +206,12 @@ class Posterior(FittedResult, HasPage):
             "noise": noise_table(self.calibration.data, self.noise),
             "process_noise": process_noise_table(self.calibration.process, self.parameters),
             "mcmc": picked(
+                McmcJson,
                 self,
-                "walkers tau r_hat_max ess_bulk_min ess_tail_min seconds converged reason acceptance evaluations",
                 ensembles=self.draws.shape[0],
                 draws=self.steps,
                 modes=self.mode_draws,
-                per_parameter={n: picked(d, "r_hat ess_bulk ess_tail tau") for n, d in self.diagnoses.items()},
+                per_parameter=self.diagnoses,
             ),
             "failures": failures,
             "warnings": list(self.warnings),

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Collection, Mapping
-from dataclasses import dataclass
-from typing import ClassVar
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -20,7 +19,7 @@ from aero_bayes.estimate.noise import residual_correlation_time
 from aero_bayes.estimate.outliers import outlier_rows
 from aero_bayes.estimate.result import Fit
 from aero_bayes.estimate.simulate import FIRST_ROWS, ModelFamily, beginnings, on_recordings
-from aero_bayes.plain import Number
+from aero_bayes.plain import INTERNAL, Number
 from aero_bayes.simulation.interface import Problem, Simulator
 
 
@@ -76,9 +75,7 @@ class Prediction:
 class Shift:
     """How far a parameter moved when the missing effect was added, in its unit and in combined standard deviations."""
 
-    JSON_KEYS: ClassVar = "before before_sd after after_sd in_sd"
-
-    name: str
+    name: str = field(metadata=INTERNAL)
     before: Number
     before_sd: Number
     after: Number

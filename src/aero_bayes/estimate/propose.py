@@ -8,12 +8,12 @@ the standard deviations it leaves over those there are.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import ClassVar
 
 import numpy as np
+from pydantic import Field
 
 from aero_bayes.arrays import FloatArray
 from aero_bayes.display import table_html
@@ -31,7 +31,7 @@ from aero_bayes.estimate.information import (
 from aero_bayes.estimate.parameters import ParameterSet
 from aero_bayes.estimate.result import Fit, HasFit, fit_of
 from aero_bayes.files import write_whole
-from aero_bayes.plain import Number
+from aero_bayes.plain import INTERNAL, ByName, JsonNumber, JsonTable, Number, picked
 from aero_bayes.progress import Progress, watching
 from aero_bayes.simulation.workers import WorkerPool
 
@@ -50,9 +50,7 @@ class ExpectedParameter:
     ``sd_repeated`` is what as long a recording of the present input would leave, ``gain`` how many times narrower the
     interval would be."""
 
-    JSON_KEYS: ClassVar = "value unit sd_before sd_after sd_repeated gain target"
-
-    name: str
+    name: str = field(metadata=INTERNAL)
     unit: str
     value: Number
     sd_before: Number
@@ -67,8 +65,6 @@ class Design:
     """A proposed experiment: an input by name, at ``time`` (n,) in s its ``values`` (n,) in its unit, each held.
 
     ``travel`` has the largest absolute value of each output that has a limit."""
-
-    JSON_KEYS: ClassVar = "input duration rate_hz gain travel limits seed parameters table"
 
     input: str
     time: FloatArray
@@ -107,10 +103,9 @@ class Design:
         """How many times narrower the targets' intervals would be (geometric mean)."""
         return float(np.exp(np.mean([np.log(e.gain) for e in self.expected if e.target])))
 
-    @property
-    def parameters(self) -> dict[str, ExpectedParameter]:
-        """Parameters by name."""
-        return {e.name: e for e in self.expected}
+    def to_dict(self) -> dict[str, object]:
+        """Return the ``design`` entry of result.json."""
+        return picked(DesignJson, self, parameters={e.name: e for e in self.expected})
 
     def __repr__(self) -> str:
         aims = ", ".join(self.targets)
@@ -124,6 +119,22 @@ class Design:
         ]  # fmt: skip
         head = ("parameter", "value", "unit", "sd now", "sd after", "times narrower")
         return table_html(head, rows, f"next experiment: {self.time[-1]:g} s, * aimed at")
+
+
+class DesignJson(JsonTable):
+    """The proposed experiment."""
+
+    input: str
+    unit: str = ""
+    duration: float
+    rate_hz: JsonNumber = None
+    gain: JsonNumber = None
+    parameters: ByName[ExpectedParameter] = Field(default_factory=dict)
+    travel: dict[str, JsonNumber] = Field(default_factory=dict)
+    limits: Limits
+    table: dict[str, list[JsonNumber]] = Field(default_factory=dict)
+    seed: int | None = None
+    file: str = ""
 
 
 def propose_experiment(

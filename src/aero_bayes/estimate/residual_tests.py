@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
@@ -28,7 +28,7 @@ from aero_bayes.estimate.noise_estimation import innovations, is_model_error, wh
 from aero_bayes.estimate.objective import Series
 from aero_bayes.estimate.outliers import outlier_rows
 from aero_bayes.estimate.reading_spread import SpreadModel
-from aero_bayes.plain import Number, picked
+from aero_bayes.plain import INTERNAL, Number
 from aero_bayes.simulation.interface import SolverSettings
 
 ResidualVerdict = Literal["adequate", "structured"]
@@ -46,42 +46,32 @@ MAX_FLOOR_RATIO = 2.0
 class ResidualReport:
     """The residual of one output of one recording; ``correlations`` are with inputs and fitted states.
 
-    ``tests`` has the probabilities that independent noise is as structured, by what was looked for."""
+    ``tests`` has the probabilities that independent noise is as structured, by what was looked for; ``p_value`` is the
+    smallest, corrected for their number. ``ratio`` is over the noise floor, where that is known."""
 
-    recording: str
-    output: str
-    rms: float
-    noise_floor: float | None
-    noise: float
-    tests: Mapping[str, float]
-    correlations: Mapping[str, float]
-    worst_time: tuple[float, float]
-    worst_share: float
+    rms: Number
+    white: bool
     verdict: ResidualVerdict
+    noise_floor: float | None = None
+    ratio: Number = math.nan
+    p_value: Number = math.nan
     exact: bool = False
+    tests: Mapping[str, Number] = field(default_factory=dict)
+    correlations: Mapping[str, Number] = field(default_factory=dict)
+    worst_time: tuple[Number, ...] = ()
+    worst_share: Number = math.nan
+    recording: str = field(default="", metadata=INTERNAL)
+    output: str = field(default="", metadata=INTERNAL)
+    noise: float = field(default=math.nan, metadata=INTERNAL)
 
     @property
-    def ratio(self) -> float:
+    def over_noise(self) -> float:
         """Residual over the noise floor, or over the fitted noise if no floor is known."""
-        size = self.noise if self.noise_floor is None else self.noise_floor
-        return self.rms / size if size > 0.0 else math.inf
-
-    @property
-    def p_value(self) -> float:
-        """Smallest p-value of the tests, corrected for their number."""
-        return _smallest(self.tests)
-
-    def to_dict(self) -> dict[str, object]:
-        """Return it as ``residual`` in result.json holds it."""
-        return picked(
-            self, "rms noise_floor p_value verdict exact correlations worst_time worst_share tests",
-            ratio=None if self.noise_floor is None else self.ratio, white=self.p_value >= FALSE_ALARM_RATE,
-        )  # fmt: skip
+        return _over(self.rms, self.noise if self.noise_floor is None else self.noise_floor)
 
 
-def _smallest(tests: Mapping[str, float]) -> float:
-    """Return the smallest p-value, corrected for their number."""
-    return min(1.0, len(tests) * min(tests.values(), default=1.0))
+def _over(rms: float, size: float) -> float:
+    return rms / size if size > 0.0 else math.inf
 
 
 def exact_level(solver: SolverSettings, series: Series) -> float:
@@ -104,11 +94,11 @@ def structured_residuals(reports: Iterable[ResidualReport]) -> list[ResidualRepo
     return [report for report in reports if report.verdict == "structured"]
 
 
-def reports_by_recording(reports: Sequence[ResidualReport]) -> dict[str, dict[str, dict[str, object]]]:
+def reports_by_recording(reports: Sequence[ResidualReport]) -> dict[str, dict[str, ResidualReport]]:
     """Return reports by recording and output, as result.json holds them."""
-    table: dict[str, dict[str, dict[str, object]]] = {}
+    table: dict[str, dict[str, ResidualReport]] = {}
     for report in reports:
-        table.setdefault(report.recording, {})[report.output] = report.to_dict()
+        table.setdefault(report.recording, {})[report.output] = report
     return table
 
 
@@ -190,14 +180,16 @@ def check_residuals(
         beyond = floor is not None and rms > MAX_FLOOR_RATIO * max(floor, 1e-300)
         longest = max(s.sampling.duration for s in series if s.output == own.output)
         lasting = is_model_error(noise, longest)
-        structured = not within and (_smallest(tests) < FALSE_ALARM_RATE or beyond or lasting)
+        p_value = min(1.0, len(tests) * min(tests.values(), default=1.0))
+        structured = not within and (p_value < FALSE_ALARM_RATE or beyond or lasting)
         window, share = _worst_window(own.sampling.time, innovations)
         correlations = {name: _correlation(residual, over) for name, over in states.items()}
         reports.append(
             ResidualReport(
-                calibration.data.names[own.experiment], own.output, rms, floor, size, tests,
-                correlations, window, share, "structured" if structured else "adequate",
-                within and rms < MIN_STEP_SHARE * _resolution(own.measured),
+                rms, p_value >= FALSE_ALARM_RATE, "structured" if structured else "adequate", floor,
+                math.nan if floor is None else _over(rms, floor), p_value,
+                within and rms < MIN_STEP_SHARE * _resolution(own.measured), tests, correlations, window, share,
+                calibration.data.names[own.experiment], own.output, size,
             )
         )  # fmt: skip
     return tuple(reports)

@@ -6,10 +6,11 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Protocol
+from typing import Literal, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
+from pydantic import Field
 
 from aero_bayes.arguments import require_type
 from aero_bayes.arrays import FloatArray
@@ -38,10 +39,10 @@ from aero_bayes.estimate.parameters import ParameterSet
 from aero_bayes.estimate.prediction import FittedPredictor
 from aero_bayes.estimate.residual_tests import ResidualReport, check_residuals
 from aero_bayes.estimate.simulate import simulate
-from aero_bayes.estimate.swarm import SwarmResult
+from aero_bayes.estimate.swarm import SwarmResult, SwarmSummary
 from aero_bayes.estimate.target import CurvatureAdjustment, JointTarget, NoiseLayout, Target
 from aero_bayes.figures import HasPage, Picture, drawn
-from aero_bayes.plain import plain
+from aero_bayes.plain import JsonNumber, JsonTable, picked, plain
 from aero_bayes.simulation.interface import Outcome, Simulator, SmoothedStates
 
 Json = dict[str, object]
@@ -64,6 +65,33 @@ def parameter_draws(
     coordinates = np.tile(parameters.to_search(values), (draws, 1))
     coordinates[:, free] = np.clip(points[:, : len(free)], low, high)
     return np.concatenate([parameters.from_search(coordinates)[:, free], np.exp(points[:, len(free) :])], axis=1)
+
+
+class LocalJson(JsonTable):
+    """The bounded local search."""
+
+    iterations: int
+    reason: str
+
+
+class FitJson(JsonTable):
+    """The best fit; ``rms`` by role and output, ``interpolation`` of each input between its samples.
+
+    ``start_levels`` are the log-posteriors at which local fits from several starts ended, on fewer samples.
+    ``values`` are the listed values of parameters that were each fitted, likeliest first."""
+
+    cost_eq6: JsonNumber = None
+    rms: dict[str, dict[str, JsonNumber]] = Field(default_factory=dict)
+    interpolation: dict[str, Literal["hold", "linear"]] = Field(default_factory=dict)
+    log_likelihood: JsonNumber = None
+    log_posterior: JsonNumber = None
+    bic: JsonNumber = None
+    stages: list[StageReport] = Field(default_factory=list)
+    pso: SwarmSummary | None = None
+    modes: list[Mode] = Field(default_factory=list)
+    values: list[ValueTrial] = Field(default_factory=list)
+    local: LocalJson | None = None
+    start_levels: list[JsonNumber] = Field(default_factory=list)
 
 
 @dataclass(frozen=True, eq=False)
@@ -308,20 +336,15 @@ class Fit(OtherTools, HasPage):
                 "noise": self.noise_table(),
                 "process_noise": process_noise_table(self.calibration.process, self.parameters),
                 "sensors": self.sensors,
-                "fit": {
-                    "cost_eq6": self.cost_eq6,
-                    "rms": {"train": self.rms},
-                    "interpolation": self.calibration.data.interpolation,
-                    "log_likelihood": self.log_likelihood,
-                    "log_posterior": self.log_posterior,
-                    "bic": self.bic,
-                    "stages": self.stages,
-                    "pso": self.swarm,
-                    "modes": self.modes,
-                    "values": self.trials,
-                    "start_levels": self.start_levels,
-                    "local": {"iterations": self.iterations, "reason": self.reason.value},
-                },
+                "fit": picked(
+                    FitJson,
+                    self,
+                    rms={"train": self.rms},
+                    interpolation=self.calibration.data.interpolation,
+                    pso=self.swarm,
+                    values=self.trials,
+                    local=picked(LocalJson, self),
+                ),
                 "identifiability": self.identifiability.to_dict(self.unidentified),
                 "failures": self.failures,
                 "diagnosis": self.diagnosis.rows,

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import ClassVar
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from aero_bayes.arguments import Count, NotNegative
 from aero_bayes.arrays import FloatArray
+from aero_bayes.plain import INTERNAL, Numbers
 
 BatchCost = Callable[[FloatArray], FloatArray]
 
@@ -33,23 +33,26 @@ class SwarmSettings:
     reflect: bool = True
 
 
-@dataclass(frozen=True)
-class SwarmResult:
+@dataclass(frozen=True, kw_only=True)
+class SwarmSummary:
+    """The particle swarm: best cost after each iteration; ``failures`` are evaluations that gave no finite cost."""
+
+    evaluations: int
+    history: Numbers
+    failures: int = 0
+    reason: str = ""
+
+
+@dataclass(frozen=True, kw_only=True)
+class SwarmResult(SwarmSummary):
     """Where the swarm ended.
 
-    ``best`` has shape (d,); ``candidates`` (k, d) are each particle's own best in order of cost; ``history`` holds the
-    best cost after each iteration; ``failures`` counts evaluations that gave no finite cost."""
+    ``best`` has shape (d,); ``candidates`` (k, d) are each particle's own best in order of cost."""
 
-    JSON_KEYS: ClassVar = "evaluations history failures reason"
-
-    best: FloatArray
-    cost: float
-    candidates: FloatArray
-    costs: FloatArray
-    history: FloatArray
-    evaluations: int
-    failures: int
-    reason: str
+    best: FloatArray = field(metadata=INTERNAL)
+    cost: float = field(metadata=INTERNAL)
+    candidates: FloatArray = field(metadata=INTERNAL)
+    costs: FloatArray = field(metadata=INTERNAL)
 
 
 def latin_hypercube(count: int, size: int, rng: np.random.Generator) -> FloatArray:
@@ -100,6 +103,6 @@ def minimise(
             break
     order = np.argsort(own_cost, kind="stable")
     return SwarmResult(
-        own[order[0]], float(own_cost[order[0]]), own[order], own_cost[order],
-        np.array(history), len(history) * settings.particles, failures, reason,
+        best=own[order[0]], cost=float(own_cost[order[0]]), candidates=own[order], costs=own_cost[order],
+        history=np.array(history), evaluations=len(history) * settings.particles, failures=failures, reason=reason,
     )  # fmt: skip

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -20,6 +20,8 @@ from aero_bayes.estimate.levenberg_marquardt import FixedCost, LocalSettings, Qu
 from aero_bayes.estimate.measured_data import MeasuredData
 from aero_bayes.estimate.noise import OutputNoise
 from aero_bayes.estimate.objective import objective_of
+from aero_bayes.estimate.parameters import ParameterSet
+from aero_bayes.plain import INTERNAL, Numbers
 from aero_bayes.simulation.interface import Outcome, Simulator
 
 if TYPE_CHECKING:
@@ -238,34 +240,29 @@ class LikelihoodProfile:
     """Profile of the log-posterior over one parameter, at the fitted noise.
 
     ``values`` (k,) are in SI units. ``drop`` (k,) is the largest log-posterior of all less the one at each value: zero
-    at the best value, and infinite where every simulation failed."""
+    at the best value, and infinite where every simulation failed; ``prior_drop`` (k,) that of the prior alone.
+    ``interval`` has the ends of the 90 % interval, None on a side where the profile does not drop that far within the
+    range; ``bounded`` says whether the data and the priors bound the parameter on both sides."""
 
-    name: str
-    unit: str
-    values: FloatArray
-    drop: FloatArray
+    name: str = field(metadata=INTERNAL)
+    values: Numbers
+    drop: Numbers
+    interval: tuple[float | None, ...]
+    unit: str = ""
+    prior_drop: Numbers = field(default_factory=lambda: np.empty(0))
+    bounded: bool | None = None
 
-    @property
-    def interval(self) -> tuple[float | None, float | None]:
-        """Ends of the 90 % interval; None on a side where the profile does not drop that far within the range."""
-        best = int(np.argmin(self.drop))
-        return self._crossing(slice(best, None, -1)), self._crossing(slice(best, None))
 
-    @property
-    def bounded(self) -> bool:
-        """Whether the data and the priors bound the parameter on both sides."""
-        return None not in self.interval
-
-    def _crossing(self, part: slice) -> float | None:
-        values, drop = self.values[part], self.drop[part]
-        above = np.flatnonzero(drop > LOG_POSTERIOR_DROP_90)
-        if above.size == 0:
-            return None
-        k = int(above[0])
-        if not np.isfinite(drop[k]):
-            return float(values[k])
-        share = (LOG_POSTERIOR_DROP_90 - drop[k - 1]) / (drop[k] - drop[k - 1])
-        return float(values[k - 1] + share * (values[k] - values[k - 1]))
+def _crossing(values: FloatArray, drop: FloatArray) -> float | None:
+    """Return where a profile drops by that much, from its best value on; None if it does not."""
+    above = np.flatnonzero(drop > LOG_POSTERIOR_DROP_90)
+    if above.size == 0:
+        return None
+    k = int(above[0])
+    if not np.isfinite(drop[k]):
+        return float(values[k])
+    share = (LOG_POSTERIOR_DROP_90 - drop[k - 1]) / (drop[k] - drop[k - 1])
+    return float(values[k - 1] + share * (values[k] - values[k - 1]))
 
 
 def profile_likelihood(
@@ -306,4 +303,10 @@ def profile_likelihood(
     item = fit.calibration.parameters.items[column]
     values = np.exp(grid) if item.scale == "log" else grid * (item.upper - item.lower)
     lowest = cost.min() if np.isfinite(cost).any() else 0.0  # no run of the profile may have been completed
-    return LikelihoodProfile(name, item.unit, values, cost - lowest)
+    drop = cost - lowest
+    best = int(np.argmin(drop))
+    sides = slice(best, None, -1), slice(best, None)
+    interval = tuple(_crossing(values[side], drop[side]) for side in sides)
+    alone = ParameterSet((item,))
+    prior = alone.log_prior(alone.to_search(values[:, None]))
+    return LikelihoodProfile(name, values, drop, interval, item.unit, prior.max() - prior, None not in interval)

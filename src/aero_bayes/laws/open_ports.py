@@ -22,6 +22,7 @@ from aero_bayes.modelica.equation_system import translate
 from aero_bayes.modelica.expression import evaluate_nodes
 from aero_bayes.modelica.flat import FlatModel
 from aero_bayes.modelica.syntax import Call
+from aero_bayes.plain import Numbers
 from aero_bayes.simulation.model import Model
 
 
@@ -57,11 +58,11 @@ CURVE_POINTS = 61
 class LearnedCurve:
     """What a port gives over a signal: ``x``, ``value`` and its standard deviation ``sd``, shape (n,) each."""
 
-    x: FloatArray
-    value: FloatArray
-    sd: FloatArray
-    x_unit: str
-    unit: str
+    x: Numbers
+    value: Numbers
+    sd: Numbers
+    x_unit: str = ""
+    unit: str = ""
 
 
 @dataclass(frozen=True, eq=False)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Literal
 
@@ -26,7 +26,7 @@ from aero_bayes.loop.first_fit import SEARCHED, FirstFit, LoopContext, refitted
 from aero_bayes.loop.modelica_family import ExtendedModel
 from aero_bayes.loop.search import Search
 from aero_bayes.loop.table import BOTH, Table, Terms, law_of
-from aero_bayes.plain import Number, plain
+from aero_bayes.plain import BY_NAME, Number, Rows
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,9 @@ class Alternative:
 
 @dataclass(frozen=True)
 class FoundEffect:
-    """An effect that was added, and what is claimed of it.
+    """An effect that was added, and what is claimed of it; ``modelica`` is the file that holds it.
+
+    ``id`` is ``law@port``, ``value@parameter``, ``start@state`` or an id of a library.
 
     ``share`` is the error on left-out readings with it over that without it, in the output ``share_of`` where it falls
     most, and ``share_sd`` its standard error. ``claim`` is None for one that the configuration requires,
@@ -49,23 +51,18 @@ class FoundEffect:
     id: str
     port: str
     kind: Literal["catalogue", "free_form"]
-    parameters: tuple[Estimate, ...]
-    share: float
-    share_sd: float
-    share_of: str
-    claim: ClaimKind | None
-    alternatives: tuple[Alternative, ...]
-    summary: str
+    parameters: Rows[Estimate] = field(default=(), metadata=BY_NAME)
+    share: Number = math.nan
+    share_sd: Number = math.nan
+    share_of: str = ""
+    claim: ClaimKind | None = None
+    alternatives: tuple[Alternative, ...] = ()
+    summary: str = ""
     over: str = ""
     looks_like: str = ""
     curve: LearnedCurve | None = None
     tried_all: bool = True
-
-    def to_dict(self, modelica: str) -> dict[str, object]:
-        """Return the entry of result.json; ``modelica`` is the file that holds it."""
-        parameters = {p.name: p for p in self.parameters}
-        found: dict[str, object] = plain({**vars(self), "modelica": modelica, "parameters": parameters})
-        return found
+    modelica: str = ""
 
 
 @dataclass(frozen=True)
@@ -142,7 +139,11 @@ def extend(context: LoopContext, first: FirstFit, search: Search, decision: Deci
     reports = check_residuals(calibration, fit.series, fit.optimum, first.floors)
     after = context.predictor.predict(calibration, fit.optimum)
     effects = tuple(
-        _effect(context, search.table, decision, id_, [new for _, new in names[id_]], fit) for id_ in decision.model
+        replace(
+            _effect(context, search.table, decision, id_, [new for _, new in names[id_]], fit),
+            modelica=written.path.name if written is not None else "",
+        )
+        for id_ in decision.model
     )
     context.statistics.end_stage("judgement")
     return ExtendedFit(written, added, effects, fit, reports, after)

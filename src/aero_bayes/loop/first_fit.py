@@ -274,7 +274,7 @@ def first_fit(context: LoopContext, given: Fit | None = None) -> FirstFit:
     given = given if given is not None and given.outputs == recordings.outputs else None
     close = given or fitted("local")
     reports = check_residuals(close.calibration, close.series, close.optimum, floors)
-    if given is None and own.method != "local" and max(r.ratio for r in reports) > GOOD_FIT_RATIO:
+    if given is None and own.method != "local" and max(r.over_noise for r in reports) > GOOD_FIT_RATIO:
         close = fitted(own.method)
         reports = check_residuals(close.calibration, close.series, close.optimum, floors)
     calibration = close.calibration if given is None else _as_fitted(context, declared, given, own)

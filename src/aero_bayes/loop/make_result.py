@@ -92,8 +92,8 @@ def early_end_sentence(context: LoopContext, where: str) -> str:
 def story_of(context: LoopContext, ended: Ended) -> tuple[str, ...]:
     """What was done, in sentences; the steps of the search have entries of their own."""
     first, search = ended.first, ended.search
-    worst = max(first.reports, key=lambda r: r.ratio)
-    known = f"{worst.ratio:.2g} times the noise floor and {worst.verdict}"
+    worst = max(first.reports, key=lambda r: r.over_noise)
+    known = f"{worst.over_noise:.2g} times the noise floor and {worst.verdict}"
     left = known if worst.noise_floor is not None else f"{worst.verdict}; its noise floor is not known"
     refits = sum(row.refitted for row in search.table.rows.values())
     lines = [
@@ -122,9 +122,14 @@ def _restrictions(settings: LoopSettings) -> tuple[str, ...]:
 
 def _disturbance(reports: Sequence[ResidualReport]) -> tuple[str, float, float] | None:
     """Recording, start and end in s of a disturbance: a tenth of the recording has most of the squared residual."""
-    found = [r for r in structured_residuals(reports) if r.worst_share > DISTURBANCE_SHARE and math.isfinite(r.ratio)]
+    found = [
+        r for r in structured_residuals(reports) if r.worst_share > DISTURBANCE_SHARE and math.isfinite(r.over_noise)
+    ]
     worst = max(found, key=lambda r: r.worst_share, default=None)
-    return None if worst is None else (worst.recording, *worst.worst_time)
+    if worst is None:
+        return None
+    start, end = worst.worst_time
+    return worst.recording, start, end
 
 
 def result_of(context: LoopContext, ended: Ended, cause: DiagnosisRow | None) -> LoopResult:

@@ -9,17 +9,18 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
+from pydantic import Field
 
 from aero_bayes.arrays import FloatArray
-from aero_bayes.data.split import ROLES, Recordings
+from aero_bayes.data.split import ROLES, Recordings, Role
 from aero_bayes.display import table_html
 from aero_bayes.errors import InputError
 from aero_bayes.estimate.calibrated_model import CalibratedModel
-from aero_bayes.estimate.diagnosis import Diagnosis
+from aero_bayes.estimate.diagnosis import Diagnosis, DiagnosisRow
 from aero_bayes.estimate.identifiability import Estimate, Identifiability
 from aero_bayes.estimate.noise import OutputNoise
 from aero_bayes.estimate.predict_recordings import Prediction, Shift, shifts
-from aero_bayes.estimate.residual_tests import RecordingError, reports_by_recording
+from aero_bayes.estimate.residual_tests import RecordingError, ResidualReport, reports_by_recording
 from aero_bayes.estimate.result import Fit
 from aero_bayes.figures import HasPage, Picture, drawn, page_of
 from aero_bayes.files import ScratchFolder
@@ -27,7 +28,7 @@ from aero_bayes.loop.decide import Decision
 from aero_bayes.loop.extend import ExtendedFit, FoundEffect, Limit
 from aero_bayes.loop.first_fit import FirstFit
 from aero_bayes.loop.table import Table, Terms
-from aero_bayes.plain import Number, picked
+from aero_bayes.plain import ByName, JsonNumber, JsonTable, Number, picked
 from aero_bayes.unknown_names import known_names_hint
 
 if TYPE_CHECKING:
@@ -100,6 +101,53 @@ def fall(share: float, sd: float) -> str:
 #: Height of the page in a notebook, in pixels: one screen.
 FRAME_HEIGHT = 700
 LoopOutcome = Literal["adequate", "extended", "unexplained"]
+
+
+RmsByRole = dict[str, dict[str, JsonNumber]]
+
+
+class PartJson(JsonTable):
+    """Readings of a recording in one role, from ``begin`` (s) on and before ``end``."""
+
+    recording: str
+    role: Role
+    begin: JsonNumber = None
+    end: JsonNumber = None
+
+
+class LoopJson(JsonTable):
+    """The closed loop; ``before``, ``after`` and their like are by role (train, validation, test) and output.
+
+    ``blocks`` of readings give standard errors; ``refused`` are models that explain training readings better and
+    predict validation readings worse."""
+
+    outcome: LoopOutcome
+    sentence: str = ""
+    base: str = ""
+    model: str = ""
+    effects: list[FoundEffect] = Field(default_factory=list)
+    equivalent: list[list[str]] = Field(default_factory=list)
+    limits: list[Limit] = Field(default_factory=list)
+    parts: list[PartJson] = Field(default_factory=list)
+    errors: list[RecordingError] = Field(default_factory=list)
+    diagnosis_before: list[DiagnosisRow] = Field(default_factory=list)
+    refused: list[list[str]] = Field(default_factory=list)
+    before: RmsByRole = Field(default_factory=dict)
+    after: RmsByRole = Field(default_factory=dict)
+    before_sd: RmsByRole = Field(default_factory=dict)
+    after_sd: RmsByRole = Field(default_factory=dict)
+    noise_floor: dict[str, JsonNumber] = Field(default_factory=dict)
+    steps: list[Step] = Field(default_factory=list)
+    shifts: ByName[Shift] = Field(default_factory=dict)
+    whiteness: dict[str, dict[str, dict[str, ResidualReport]]] = Field(default_factory=dict)
+    blocks: int = 0
+    story: list[str] = Field(default_factory=list)
+    diff: str = ""
+    modelica_source: str = ""
+    notes: list[str] = Field(default_factory=list)
+    simulations: int = 0
+    failures: int = 0
+    seconds: dict[str, float] = Field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False)
@@ -410,10 +458,8 @@ class LoopResult(HasPage):
     def to_dict(self) -> dict[str, object]:
         """Return the ``loop`` entry of result.json."""
         roles, before, after = ROLES, self.predicted_before, self.predicted_after
-        told = "outcome sentence base model equivalent limits refused story diff simulations failures"
         return picked(
-            self, f"{told} seconds steps errors",
-            effects=[effect.to_dict(self.modelica_path) for effect in self.effects],
+            LoopJson, self, diagnosis_before=self.diagnosis.rows,
             before={role: before.pooled(role) for role in roles}, after={role: after.pooled(role) for role in roles},
             before_sd={role: before.uncertainty(role) for role in roles},
             after_sd={role: after.uncertainty(role) for role in roles},

@@ -1,6 +1,4 @@
-"""Sentences on what a loop found, for the page, the terminal and a notebook.
-
-An effect is a :class:`~aero_bayes.loop.extend.FoundEffect` or its entry of result.json."""
+"""Sentences on what a loop found, for the page, the terminal and a notebook."""
 
 from __future__ import annotations
 
@@ -11,13 +9,14 @@ from typing import Any
 
 from aero_bayes.display import join_names
 from aero_bayes.estimate.error_sentences import error_change
+from aero_bayes.loop.extend import Alternative, FoundEffect
 
 #: Alternatives that are listed by name, and those from which on an effect is not told at all.
 MAX_NAMED, MAX_TOLD = 3, 5
 _COUNTS = ("no", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten", "eleven", "twelve")
 
 
-def lacking(effects: Sequence[Any]) -> str:
+def lacking(effects: Sequence[FoundEffect]) -> str:
     """Say what the model lacks, as far as the data say it, and with what it was extended as required."""
     asked = [e.id for e in effects if e.claim is None]
     found = [e for e in effects if e.claim is not None]
@@ -31,7 +30,7 @@ def lacking(effects: Sequence[Any]) -> str:
     return " and ".join(filter(None, (told, f"has {join_names(asked)}, as required" if asked else "")))
 
 
-def _what(effect: Any) -> str:
+def _what(effect: FoundEffect) -> str:
     others = len(effect.alternatives)
     what = in_words(effect) or str(effect.id)
     if effect.claim == "one of" and others:
@@ -42,12 +41,12 @@ def _what(effect: Any) -> str:
     return f"{what} ({places(effect)})" if effect.claim == "mechanism" else what
 
 
-def places(effect: Any) -> str:
+def places(effect: FoundEffect) -> str:
     """Return the places at which a law does as well."""
     return "at " + join_names(list(dict.fromkeys([effect.port, *(one.port for one in effect.alternatives)])), "or")
 
 
-def in_words(effect: Any) -> str:
+def in_words(effect: FoundEffect) -> str:
     """Return what an effect is, without the note on its place; empty where no words are known."""
     return re.sub(r" \([^()]*\)$", "", effect.summary)
 
@@ -57,20 +56,20 @@ def _number(count: int) -> str:
     return _COUNTS[count] if count < len(_COUNTS) else str(count)
 
 
-def cross_validated(effect: Any, name: str, beside: Sequence[str] = ()) -> str:
+def cross_validated(effect: FoundEffect, name: str, beside: Sequence[str] = ()) -> str:
     """Say how far an effect lowers the error on readings that were left out of the fit; ``name`` is what it is called.
 
     The error is that of the model with the effects ``beside`` it. Empty where that is not known."""
-    if effect.share is None:
+    if math.isnan(effect.share):
         return ""
     verb, change = ("raises", effect.share - 1.0) if effect.share > 1.0 else ("lowers", 1.0 - effect.share)
-    spread = f" ± {100.0 * effect.share_sd:.0f}" if (effect.share_sd or 0.0) >= 0.005 else ""
+    spread = f" ± {100.0 * effect.share_sd:.0f}" if effect.share_sd >= 0.005 else ""
     of = f" of {effect.share_of}" if effect.share_of else ""
     rest = f" beside {join_names(beside)}" if beside else ""
     return f"Cross-validated on training, {name} {verb} the error{of}{rest} by {100.0 * change:.0f}{spread} %."
 
 
-def claimed(effect: Any, name: str, others: str = "") -> str:
+def claimed(effect: FoundEffect, name: str, others: str = "") -> str:
     """Say how sure it is that the effect is this one; empty for one that the configuration requires.
 
     ``others`` stands for what the data do not tell from it where that is listed elsewhere."""
@@ -99,14 +98,14 @@ def claimed(effect: Any, name: str, others: str = "") -> str:
     return " ".join(filter(None, (told, like, what, late)))
 
 
-def _listed(known: Sequence[Any]) -> str:
+def _listed(known: Sequence[Alternative]) -> str:
     ids = [one.id for one in known]
     if len(ids) > MAX_NAMED:
         ids = [*ids[: MAX_NAMED - 1], f"{len(ids) - MAX_NAMED + 1} more"]
     return join_names(ids)
 
 
-def _how_near(others: Sequence[Any]) -> str:
+def _how_near(others: Sequence[Alternative]) -> str:
     """Say how much worse than the chosen term the worst of those predicts that the data do not tell from it."""
     them, ratios = others[0].id if len(others) == 1 else "them", [_known(one.error_ratio) for one in others]
     least, most = larger(min(ratios)), larger(max(ratios))
@@ -125,19 +124,21 @@ def _known(ratio: float) -> float:
     return ratio if math.isfinite(ratio) else 1.0
 
 
-def _less(known: Sequence[Any]) -> str:
+def _less(known: Sequence[Alternative]) -> str:
     """Say how much smaller the error is with finer forms of a law, which are not chosen for that."""
     least = larger(min(_known(one.error_ratio) for one in known))
     return f", with an error up to {least}, too little for more parameters" if "smaller" in least else ""
 
 
-def extended_sentence(base: str, effects: Sequence[Any], errors: Sequence[Any], units: Mapping[str, str]) -> str:
+def extended_sentence(
+    base: str, effects: Sequence[FoundEffect], errors: Sequence[Any], units: Mapping[str, str]
+) -> str:
     """Say what was added, how far the error falls with it, and what is claimed of each term."""
     told = [f"{base.rpartition('.')[2]} {lacking(effects)}.", error_change(errors, units)]
     told += [text for e in effects for text in (cross_validated(e, e.id, beside(effects, e)), claimed(e, e.id))]
     return " ".join(filter(None, told))
 
 
-def beside(effects: Sequence[Any], effect: Any) -> list[str]:
+def beside(effects: Sequence[FoundEffect], effect: FoundEffect) -> list[str]:
     """Return the ids of the other effects, beside which one effect was cross-validated."""
     return [e.id for e in effects if e.id != effect.id]

@@ -12,7 +12,7 @@ from markupsafe import Markup
 from numpy.typing import NDArray
 
 from aero_bayes.report.drawing import Plate
-from aero_bayes.report.schema_estimate import ComponentJson, DiagramJson, ShapeJson
+from aero_bayes.report.schema_run import ComponentJson, DiagramJson, ShapeJson
 from aero_bayes.report.svg import ACCENT, INK, MUTED, WARM_COLOUR, Canvas
 from aero_bayes.report.tables import html_table
 from aero_bayes.report.text import greek_name

@@ -9,10 +9,10 @@ from markupsafe import Markup
 
 from aero_bayes.arrays import FloatArray
 from aero_bayes.estimate.identifiability import Estimate
+from aero_bayes.estimate.propose import DesignJson
 from aero_bayes.report.curves import largest, named
 from aero_bayes.report.drawing import Band, Line, Panel, Plate, plate
 from aero_bayes.report.run_directory import RunDirectory
-from aero_bayes.report.schema_run import DesignJson
 from aero_bayes.report.svg import INK, SERIES
 from aero_bayes.report.tables import bar, html_table, parameter_quantity
 from aero_bayes.report.text import (

@@ -11,13 +11,15 @@ from markupsafe import Markup
 from aero_bayes.estimate.error_sentences import growing, told_first
 from aero_bayes.estimate.error_sentences import place as where
 from aero_bayes.estimate.residual_tests import RecordingError
+from aero_bayes.loop.extend import FoundEffect
+from aero_bayes.loop.result import LoopJson
 from aero_bayes.loop.sentences import beside, claimed, cross_validated, in_words, larger, places
 from aero_bayes.plain import number
 from aero_bayes.report import words
 from aero_bayes.report.curves import role_of
 from aero_bayes.report.drawing import Plate
 from aero_bayes.report.loop_figures import changed_equations, curve_plate
-from aero_bayes.report.schema_run import EffectJson, LoopJson, RunJson
+from aero_bayes.report.schema_run import RunJson
 from aero_bayes.report.tables import generic_cell, html_table
 from aero_bayes.report.text import count, duration, symbol, tidy
 
@@ -63,7 +65,7 @@ def finding(result: RunJson) -> Finding | None:
     return Finding([(h, parts) for h, parts in kept if parts] if effects or bars else [], [drawn] if drawn else [])
 
 
-def _named(effect: EffectJson) -> Markup:
+def _named(effect: FoundEffect) -> Markup:
     """Return what an effect is, whether the data tell it from others, and where it acts."""
     what = in_words(effect) or (f"a curve over {effect.over}" if effect.over else "")
     what = f"perhaps {what}" if effect.claim in ("place", "one of") and what else what
@@ -72,7 +74,7 @@ def _named(effect: EffectJson) -> Markup:
     return line.format(what[:1].upper() + what[1:], acts, effect.id)
 
 
-def place(effect: EffectJson) -> str:
+def place(effect: FoundEffect) -> str:
     """Return where in the model an effect acts."""
     return "" if " at " in effect.summary else f"at {effect.port}"
 
@@ -102,7 +104,7 @@ def _bars(result: RunJson, error: RecordingError) -> Markup:
     return head.format(symbol(error.output), where(error), Markup("").join(drawn))
 
 
-def rivals_table(effect: EffectJson) -> Markup:
+def rivals_table(effect: FoundEffect) -> Markup:
     """List what the data do not tell from an effect; None where there is nothing."""
     rows = [
         (Markup("<code>{}</code>").format(other.id), larger(other.error_ratio).replace(" %", "\u00a0%"))

@@ -9,10 +9,10 @@ from markupsafe import Markup
 from aero_bayes.estimate.calibrated_model import value_text
 from aero_bayes.estimate.diagnosis import DiagnosisRow
 from aero_bayes.estimate.identifiability import Estimate
+from aero_bayes.estimate.posterior import McmcJson
 from aero_bayes.estimate.residual_tests import RecordingError, Verdict
 from aero_bayes.estimate.sampled_modes import ModeDraws
 from aero_bayes.plain import number
-from aero_bayes.report.schema_estimate import McmcJson
 from aero_bayes.report.schema_run import RunJson
 from aero_bayes.report.tables import bar, html_table, intervals_glyph, ratio_glyph, status_pill
 from aero_bayes.report.text import (
@@ -74,7 +74,7 @@ def errors_of(result: RunJson) -> list[RecordingError]:
     return [
         RecordingError(
             recording, result.role(recording) or "train", output, None, found.rms, number(found.noise_floor),
-            found.noise_floor is not None, number(found.ratio), number(found.p_value), kinds[found.verdict],
+            found.noise_floor is not None, found.ratio, found.p_value, kinds[found.verdict],
         )
         for recording, own in result.residual.items() for output, found in own.items()
     ]  # fmt: skip
@@ -228,7 +228,7 @@ def left_out_table(result: RunJson) -> Markup:
     for recording, entry in result.prediction.recordings.items():
         for output, error in entry.rms.items():
             fitted = entry.rms_fitted.get(output)
-            if error is None:
+            if math.isnan(error):
                 continue
             more = 100 * (error / fitted - 1) if fitted else None
             floor = result.noise_floor(recording, output)

@@ -9,10 +9,10 @@ from markupsafe import Markup
 
 from aero_bayes.arrays import FloatArray
 from aero_bayes.estimate.noise import autocorrelation
+from aero_bayes.estimate.target import LikelihoodProfile
 from aero_bayes.report.curves import FINAL_SERIES, largest, left_over
 from aero_bayes.report.drawing import Band, Dots, Layer, Line, Panel, Plate, plate
 from aero_bayes.report.run_directory import RunDirectory
-from aero_bayes.report.schema_estimate import ProfileJson
 from aero_bayes.report.svg import ACCENT, INK, MEASURED
 from aero_bayes.report.text import NO_VALUE, greek_name, rounded_value, scaled_unit, significant, symbol
 
@@ -81,8 +81,8 @@ def profile_plates(run: RunDirectory) -> list[Plate]:
     return [drawn for drawn in plates if drawn is not None]
 
 
-def _plate(name: str, entry: ProfileJson, level: float | None) -> Plate | None:
-    values, drop, prior = _floats(entry.values), _floats(entry.drop), _floats(entry.prior_drop)
+def _plate(name: str, entry: LikelihoodProfile, level: float | None) -> Plate | None:
+    values, drop, prior = entry.values, entry.drop, entry.prior_drop
     if len(values) != len(drop) or np.isfinite(drop).sum() < 3:
         return None
     near = np.flatnonzero(np.nan_to_num(drop, nan=np.inf) < _TOP)
@@ -109,7 +109,7 @@ def _plate(name: str, entry: ProfileJson, level: float | None) -> Plate | None:
     return plate([panel], alt, "fixed value", Markup("{}: {}.").format(symbol(name), words), small=True)
 
 
-def _interval_words(entry: ProfileJson) -> str:
+def _interval_words(entry: LikelihoodProfile) -> str:
     """Return the interval at the threshold; a side on which the profile stays below it has no end."""
     first, last = [*entry.interval, None, None][:2]
     unit = entry.unit
@@ -136,10 +136,6 @@ def waterfall_plates(levels: Sequence[float | None]) -> list[Plate]:
     caption = "A level stretch at the left: several starts ended at the same, best answer."
     panel = Panel("log-posterior below the best", layers, 120, log_y=log)
     return [plate([panel], alt, "start, the best first", caption, small=True)]
-
-
-def _floats(given: Sequence[float | None]) -> FloatArray:
-    return np.array([np.nan if x is None else x for x in given], dtype=np.float64)
 
 
 def _power(values: FloatArray) -> float:

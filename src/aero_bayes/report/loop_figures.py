@@ -10,10 +10,10 @@ from difflib import SequenceMatcher
 import numpy as np
 from markupsafe import Markup, escape
 
-from aero_bayes.loop.result import Step, StepCandidate
+from aero_bayes.loop.extend import FoundEffect
+from aero_bayes.loop.result import LoopJson, Step, StepCandidate
 from aero_bayes.report.curves import largest
 from aero_bayes.report.drawing import Band, Line, Panel, Plate, plate
-from aero_bayes.report.schema_run import EffectJson, LoopJson
 from aero_bayes.report.svg import ACCENT, INK, MEASURED, MUTED, WARM_COLOUR, Canvas
 from aero_bayes.report.tables import bar, html_table
 from aero_bayes.report.text import NO_VALUE, greek_name, minus, scaled_unit
@@ -88,25 +88,25 @@ def rounds_canvas(loop: LoopJson, words: Mapping[str, str]) -> Canvas | None:
     return canvas
 
 
-def fall(found: StepCandidate | EffectJson) -> float:
+def fall(found: StepCandidate | FoundEffect) -> float:
     """Return by how much the error on left-out readings falls, in %; minus infinity where that is not known."""
-    return -math.inf if found.share is None or math.isnan(found.share) else 100.0 * (1.0 - found.share)
+    return -math.inf if math.isnan(found.share) else 100.0 * (1.0 - found.share)
 
 
-def fall_text(found: StepCandidate | EffectJson) -> str:
+def fall_text(found: StepCandidate | FoundEffect) -> str:
     """Return the same in words, with its standard error."""
     if not math.isfinite(fall(found)):
         return NO_VALUE
-    spread = "" if found.share_sd is None or math.isnan(found.share_sd) else f" ± {100.0 * found.share_sd:.0f}"
+    spread = "" if math.isnan(found.share_sd) else f" ± {100.0 * found.share_sd:.0f}"
     return minus(f"{fall(found):z.0f}{spread} %")
 
 
-def curve_plate(effect: EffectJson) -> Plate | None:
+def curve_plate(effect: FoundEffect) -> Plate | None:
     """Return a learned curve and its 90 % band over its signal."""
     found = effect.curve
     if found is None:
         return None
-    x, value, sd = (np.array(numbers) for numbers in (found.x, found.value, found.sd))
+    x, value, sd = found.x, found.value, found.sd
     across, x_unit = scaled_unit(largest(x), found.x_unit)
     up, unit = scaled_unit(largest(value), found.unit)
     low, high = (value + side * NORMAL_HALF_WIDTH * sd for side in (-1.0, 1.0))

@@ -18,11 +18,12 @@ from markupsafe import Markup
 
 from aero_bayes.arrays import FloatArray
 from aero_bayes.files import write_whole
+from aero_bayes.loop.result import LoopJson
 from aero_bayes.report import curves, experiment, finding, findings, fit_figures, loop_figures, pairs, words
 from aero_bayes.report.diagram import diagram_plate
 from aero_bayes.report.drawing import Plate
 from aero_bayes.report.run_directory import RunDirectory
-from aero_bayes.report.schema_run import LoopJson, RunJson
+from aero_bayes.report.schema_run import RunJson
 from aero_bayes.report.tables import parameter_table, prior_table, status_words
 from aero_bayes.report.text import named_effect, sentence, tidy
 

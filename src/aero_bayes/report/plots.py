@@ -22,7 +22,7 @@ from aero_bayes.estimate.posterior import Posterior
 from aero_bayes.estimate.prediction import RecordingPrediction
 from aero_bayes.estimate.result import Fit
 from aero_bayes.figures import Picture, draws
-from aero_bayes.loop.result import LoopResult
+from aero_bayes.loop.result import LoopJson, LoopResult
 from aero_bayes.plain import plain
 from aero_bayes.report.curves import legend, opening_scene, recording_panels, scene_panels, stretch_words
 from aero_bayes.report.drawing import Panel, draw
@@ -37,7 +37,7 @@ from aero_bayes.report.results import (
     recording_row,
 )
 from aero_bayes.report.run_directory import RunDirectory
-from aero_bayes.report.schema_run import LoopJson, RunJson
+from aero_bayes.report.schema_run import RunJson
 from aero_bayes.report.svg import INK, MUTED, Canvas
 from aero_bayes.simulation.model import Model
 

@@ -18,8 +18,8 @@ from aero_bayes.estimate.prediction import Predictive
 from aero_bayes.estimate.result import Fit
 from aero_bayes.files import whole_file, write_whole
 from aero_bayes.loop.result import LoopResult
-from aero_bayes.plain import plain
-from aero_bayes.report.schema_run import RunJson
+from aero_bayes.plain import picked, plain
+from aero_bayes.report.schema_run import RecordingJson, RunJson
 from aero_bayes.simulation.interface import SmoothedStates
 
 Json = dict[str, Any]
@@ -78,16 +78,8 @@ def merge(*parts: Mapping[str, Any]) -> Json:
 def recording_row(recording: Recording, role: str) -> Json:
     """Return the entry of a recording in result.json, with the noise floors that are known."""
     floor = {output: sd for (_, output), sd in noise_floors([recording], list(recording.outputs)).items()}
-    return {
-        "name": recording.name,
-        "role": role,
-        "rows": recording.rows,
-        "rate_hz": recording.rate_hz,
-        "duration_s": recording.duration,
-        "inputs": list(recording.inputs),
-        "outputs": list(recording.outputs),
-        "noise_floor": floor,
-    }
+    signals = {"inputs": list(recording.inputs), "outputs": list(recording.outputs)}
+    return picked(RecordingJson, recording, role=role, duration_s=recording.duration, **signals, noise_floor=floor)
 
 
 def measured_series(recordings: Sequence[Recording]) -> Series:

@@ -1,4 +1,4 @@
-"""``result.json`` as a whole, and its sections on the loop, a designed experiment and a fleet."""
+"""``result.json`` as a whole, its sections that no result declares itself, and ``fleet.json``."""
 
 from __future__ import annotations
 
@@ -7,128 +7,156 @@ from typing import Literal
 from pydantic import Field, JsonValue
 
 from aero_bayes.data.split import Role
+from aero_bayes.estimate.crossvalidation import LeftOutPrediction
 from aero_bayes.estimate.diagnosis import DiagnosisRow
-from aero_bayes.estimate.identifiability import Estimate
-from aero_bayes.estimate.information import Limits
-from aero_bayes.estimate.predict_recordings import Shift
-from aero_bayes.estimate.propose import ExpectedParameter
-from aero_bayes.estimate.residual_tests import RecordingError
-from aero_bayes.loop.extend import Alternative, Limit
-from aero_bayes.loop.result import Step
-from aero_bayes.plain import ByName
-from aero_bayes.report.schema_estimate import (
-    DataFileJson,
-    DiagramJson,
-    FitJson,
-    IdentifiabilityJson,
-    JsonNumber,
-    JsonTable,
-    McmcJson,
-    ModelJson,
-    NoiseJson,
-    PredictionJson,
-    RecordingJson,
-    ResidualJson,
-    SensorJson,
-    SignalJson,
-    VerdictJson,
-)
+from aero_bayes.estimate.identifiability import Combination, Estimate
+from aero_bayes.estimate.posterior import McmcJson
+from aero_bayes.estimate.propose import DesignJson
+from aero_bayes.estimate.residual_tests import ResidualReport
+from aero_bayes.estimate.result import FitJson
+from aero_bayes.estimate.target import LikelihoodProfile
+from aero_bayes.loop.result import LoopJson
+from aero_bayes.plain import ByName, JsonNumber, JsonTable
+
+Level = Literal["good", "warning", "bad"]
 
 
-class CurveJson(JsonTable):
-    """A learned curve: output of the port as a function of a signal, and its standard deviation."""
+class VerdictJson(JsonTable):
+    """Summary of the run in a sentence, with a level."""
 
-    x: list[float]
-    value: list[float]
-    sd: list[float]
-    x_unit: str = ""
-    unit: str = ""
+    level: Level
+    text: str
 
 
-class EffectJson(JsonTable):
-    """An effect; ``id`` is ``law@port``, ``value@parameter``, ``start@state`` or an id of a library.
+class DataFileJson(JsonTable):
+    """A recording's file."""
 
-    ``share`` is the error on left-out readings with it over that without it, in the output ``share_of``; ``claim`` what
-    is known of it; ``looks_like`` the law that comes near a curve."""
-
-    id: str
-    port: str
-    kind: Literal["catalogue", "free_form"]
-    parameters: ByName[Estimate] = {}
-    share: JsonNumber = None
-    share_sd: JsonNumber = None
-    share_of: str = ""
-    claim: Literal["law", "place", "mechanism", "one of"] | None = None
-    alternatives: list[Alternative] = []
-    modelica: str = ""
-    summary: str = ""
-    over: str = ""
-    looks_like: str = ""
-    curve: CurveJson | None = None
-    tried_all: bool = True
+    file: str
+    sha256: str
+    rows: int
+    rate_hz: float
 
 
-RmsByRole = dict[str, dict[str, JsonNumber]]
+class RecordingJson(JsonTable):
+    """A recording as it was used; ``noise_floor`` and ``rms`` by output."""
 
-
-class PartJson(JsonTable):
-    """Readings of a recording in one role, from ``begin`` (s) on and before ``end``."""
-
-    recording: str
+    name: str
     role: Role
-    begin: JsonNumber = None
-    end: JsonNumber = None
-
-
-class LoopJson(JsonTable):
-    """The closed loop; ``before``, ``after`` and their like are by role (train, validation, test) and output.
-
-    ``blocks`` of readings give standard errors; ``refused`` are models that explain training readings better and
-    predict validation readings worse."""
-
-    outcome: Literal["adequate", "extended", "unexplained"]
-    sentence: str = ""
-    base: str = ""
-    model: str = ""
-    effects: list[EffectJson] = []
-    equivalent: list[list[str]] = []
-    limits: list[Limit] = []
-    parts: list[PartJson] = []
-    errors: list[RecordingError] = []
-    diagnosis_before: list[DiagnosisRow] = []
-    refused: list[list[str]] = []
-    before: RmsByRole = {}
-    after: RmsByRole = {}
-    before_sd: RmsByRole = {}
-    after_sd: RmsByRole = {}
+    rows: int
+    rate_hz: float
+    duration_s: float
+    inputs: list[str]
+    outputs: list[str]
     noise_floor: dict[str, JsonNumber] = {}
-    steps: list[Step] = []
-    shifts: ByName[Shift] = {}
-    whiteness: dict[str, dict[str, dict[str, ResidualJson]]] = {}
-    blocks: int = 0
-    story: list[str] = []
-    diff: str = ""
-    modelica_source: str = ""
-    notes: list[str] = []
-    simulations: int = 0
-    failures: int = 0
-    seconds: dict[str, float] = {}
+    rms: dict[str, JsonNumber] = {}
 
 
-class DesignJson(JsonTable):
-    """The proposed experiment."""
+class NoiseJson(JsonTable):
+    """Noise of an output: white plus correlated over ``tau_s``.
 
-    input: str
+    ``kind`` says how it differs from reading to reading: ``relative`` has the standard deviation
+    ``base + per_unit |y|``, ``student`` the scale ``base`` and ``freedom`` degrees of freedom. ``by_recording`` has the
+    standard deviation in each recording, where they differ."""
+
+    sd: JsonNumber
+    rho: JsonNumber
+    sd_white: JsonNumber = None
+    sd_ou: JsonNumber = None
+    tau_s: JsonNumber = None
+    kind: str = "constant"
+    base: JsonNumber = None
+    per_unit: JsonNumber = None
+    freedom: JsonNumber = None
+    by_recording: dict[str, JsonNumber] = {}
+
+
+class IdentifiabilityJson(JsonTable):
+    """Identifiability of the parameters."""
+
+    combinations: list[Combination] = []
+    unidentified: list[str] = []
+    flat: list[str] = []
+    text: list[str] = []
+    profiles: ByName[LikelihoodProfile] = {}
+    profile_drop_90: JsonNumber = None
+    not_profiled: list[str] = []
+
+
+class EncoderJson(JsonTable):
+    """Counts of an encoder and what rounding to them adds."""
+
+    step: float
+    share: float
+
+
+class SensorJson(JsonTable):
+    """Errors of a sensor."""
+
+    encoder: EncoderJson | None = None
+
+
+class PredictionJson(JsonTable):
+    """Cross-validation of the fit over recordings."""
+
+    recordings: dict[str, LeftOutPrediction] = {}
+    note: str = ""
+
+
+class SignalJson(JsonTable):
+    """Unit and meaning of an input, output, state or port."""
+
     unit: str = ""
-    duration: float
-    rate_hz: JsonNumber = None
-    gain: JsonNumber = None
-    parameters: ByName[ExpectedParameter] = {}
-    travel: dict[str, JsonNumber] = {}
-    limits: Limits
-    table: dict[str, list[JsonNumber]] = {}
-    seed: int | None = None
-    file: str = ""
+    description: str = ""
+
+
+class ShapeJson(JsonTable):
+    """A drawing primitive of an icon, in coordinates from -100 to 100; y points up."""
+
+    kind: Literal["line", "polygon", "rectangle", "ellipse"]
+    points: list[tuple[float, float]]
+    filled: bool = False
+
+
+class ComponentJson(JsonTable):
+    """A part of the model, its place in the diagram (two opposite corners) and its icon.
+
+    ``terminal`` says whether it is an input, an output or a connector of the model; ``marked`` that an effect was added
+    there."""
+
+    name: str
+    type: str
+    description: str = ""
+    extent: tuple[float, float, float, float]
+    rotation: float = 0.0
+    shapes: list[ShapeJson] = []
+    terminal: Literal["", "input", "output", "connector"] = ""
+    marked: bool = False
+
+
+class ConnectionJson(JsonTable):
+    """A line between two components; ``signal`` where only a value is handed on. No points: drawn straight."""
+
+    first: str
+    second: str
+    points: list[tuple[float, float]] = []
+    signal: bool = False
+
+
+class DiagramJson(JsonTable):
+    """The model's structure, as its authors placed the parts, with the place of an effect."""
+
+    title: str = ""
+    components: list[ComponentJson] = []
+    connections: list[ConnectionJson] = []
+
+
+class ModelJson(JsonTable):
+    """The model that was fitted."""
+
+    name: str = ""
+    fmu_sha256: str = ""
+    exporter: str = ""
+    engine: str = ""
 
 
 class RangeJson(JsonTable):
@@ -219,7 +247,7 @@ class RunJson(JsonTable):
     sensors: dict[str, SensorJson] = {}
     fit: FitJson = FitJson()
     identifiability: IdentifiabilityJson = IdentifiabilityJson()
-    residual: dict[str, dict[str, ResidualJson]] = {}
+    residual: dict[str, dict[str, ResidualReport]] = {}
     diagnosis: list[DiagnosisRow] = []
     prediction: PredictionJson = PredictionJson()
     mcmc: McmcJson | None = None

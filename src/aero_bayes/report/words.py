@@ -11,10 +11,10 @@ from aero_bayes.display import join_names
 from aero_bayes.estimate.diagnosis import DiagnosisRow
 from aero_bayes.estimate.error_sentences import left_over
 from aero_bayes.estimate.identifiability import Estimate
-from aero_bayes.loop.extend import Limit
+from aero_bayes.loop.extend import FoundEffect, Limit
+from aero_bayes.loop.result import LoopJson
 from aero_bayes.loop.sentences import lacking
-from aero_bayes.report.schema_estimate import VerdictJson
-from aero_bayes.report.schema_run import EffectJson, LoopJson, RunJson
+from aero_bayes.report.schema_run import RunJson, VerdictJson
 from aero_bayes.report.tables import parameter_quantity
 from aero_bayes.report.text import pretty_unit, significant
 
@@ -62,11 +62,11 @@ def title(result: RunJson, otherwise: str) -> str:
     return f"{model} explains the recordings" if result.diagnosis else f"{model}: {result.command or 'a run'}"
 
 
-def values(effect: EffectJson, known: Mapping[str, Estimate]) -> str:
+def values(effect: FoundEffect, known: Mapping[str, Estimate]) -> str:
     """Return the values of an effect's parameters, each with its 90 % interval as the table of parameters has it.
 
     ``known`` are those of the table, which are the posterior's, where there is one."""
-    own = {name: known.get(name, stated) for name, stated in effect.parameters.items()}
+    own = {p.name: known.get(p.name, p) for p in effect.parameters}
     found = [(name, stated, *parameter_quantity(stated)) for name, stated in own.items()]
     texts = []
     for name, stated, shown, sure in found:
