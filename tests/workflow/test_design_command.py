@@ -85,26 +85,6 @@ def test_weak_parameters_get_an_experiment_that_keeps_its_word(
     assert "next_experiment.csv" in page
 
 
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        (("--aim", "R_x"), ("R_x", "R_a")),
-        (("--travel", "yaw=1"), ("yaw", "theta")),
-        (("--travel", "theta=-1"), ("theta", "positive")),
-        (("--duration", "0.05"), ("fewer than ten",)),
-    ],
-)
-def test_mistakes(arguments: tuple[str, ...], words: tuple[str, ...], tmp_path: Path, fmu: Path, short: Path) -> None:
-    out = tmp_path / "out"
-    result = design(out, "--data", short, "--model", fmu, *arguments)
-    assert result.exit_code == 2, result.output
-    lines = result.stderr.strip().splitlines()
-    assert len(lines) == 1
-    for word in words:
-        assert word in lines[0]
-    assert not out.exists() or not [path for path in out.rglob("*") if path.is_file()]
-
-
 @pytest.mark.parametrize("travel", ["theta", "theta=far"])
 def test_travel_that_is_no_number(travel: str, tmp_path: Path, fmu: Path, short: Path) -> None:
     result = design(tmp_path / "out", "--data", short, "--model", fmu, "--travel", travel)

@@ -15,10 +15,8 @@ from typing import Any
 import numpy as np
 import pytest
 import xarray
-from click.testing import CliRunner
 from pydantic import BaseModel
 
-from aero_bayes.cli import main
 from aero_bayes.commands.job import Job, RunOptions, open_job
 from aero_bayes.commands.loop import fit_settings, loop_settings, sample_settings
 from aero_bayes.config import Config, load_config
@@ -281,29 +279,6 @@ def test_what_the_user_says_goes_before_what_is_known_of_the_aero(key, folder, a
         acts(command, key, first, second)
 
 
-@pytest.mark.parametrize(
-    ("key", "value", "word"),
-    [
-        ("fit.cost", "eq6", "cost"),
-        ("fit.method", "pso", "method"),
-        ("noise.process", {"y": 0.1}, "process"),
-        ("solver.engine", "fmpy", "fmpy"),
-        ("loop.exclude", ["ofset"], "did you mean 'offset'?"),
-        ("loop.ports", ["q"], "port 'q'"),
-        ("loop.laws", ["gain@u"], "did you mean 'gain'?"),
-        ("loop.require", ["gain@v"], "did you mean 'gain@"),
-    ],
-)
-def test_what_a_loop_cannot_do_is_one_line(key, value, word, folder):
-    (folder / "refused.toml").write_text(document(key, value, {}))
-    arguments = ["--config", folder / "refused.toml", "--train", folder / "a.csv", "--out", folder / "refused"]
-    result = CliRunner().invoke(main, ["close-loop", *map(str, arguments), "--quiet"])
-    assert result.exit_code == 2, result.output
-    assert len(result.stderr.splitlines()) == 1
-    assert word in result.stderr
-    assert not (folder / "refused" / "result.json").exists()
-
-
 def test_a_parameter_that_the_loop_does_not_free_keeps_the_users_value(folder):
     job = opened(folder, document("parameters.*.value", 2.0, {"parameters.gain": {"free": "auto"}}))
     settings = loop_settings(job)
@@ -326,8 +301,3 @@ def test_a_parameter_that_the_loop_does_not_free_keeps_the_users_value(folder):
 def test_what_the_engineer_narrows(narrowed, kept):
     every = [("gain@u", "gain", "u"), ("offset@u", "offset", "u"), ("gain@y", "gain", "y")]
     assert {c[0] for c in every if narrowed.accepts(*c)} == kept
-
-
-def test_an_engine_on_the_command_line_is_refused_too(folder, rig):
-    with pytest.raises(InputError, match="fmpy"):
-        loop_settings(replace(rig, options=replace(rig.options, engine="fmpy")))

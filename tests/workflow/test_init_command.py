@@ -121,21 +121,6 @@ def test_signals_of_a_mat_file_are_matched(rig, form):
     assert checked.exit_code == 0, checked.output
 
 
-def test_a_file_is_not_overwritten(rig):
-    (rig / "rig.toml").write_text("mine")
-    refused = run("init", rig / "models" / "Rig.mo", rig / "run.csv", "--out", rig / "rig.toml")
-    assert refused.exit_code == 2
-    assert len(refused.stderr.splitlines()) == 1
-    assert (rig / "rig.toml").read_text() == "mine"
-
-
-def test_what_is_no_fmu_is_refused(rig):
-    (rig / "Rig.fmu").write_bytes(b"PK\xe5")
-    refused = run("init", rig / "Rig.fmu", rig / "run.csv", "--out", rig / "fmu.toml")
-    assert refused.exit_code == 2
-    assert len(refused.stderr.splitlines()) == 1
-
-
 def test_what_cannot_be_matched_is_a_comment(rig):
     record(rig / "odd.csv", "time,first,second")
     done = run("init", rig / "models" / "Rig.mo", rig / "odd.csv", "--out", rig / "rig.toml")
@@ -183,13 +168,6 @@ def test_what_was_told_by_its_unit_is_to_be_looked_at(rig):
 )
 def test_columns_are_matched_by_name_and_never_guessed(columns, expected):
     assert match_columns(("time", "u", "y"), columns).columns == expected
-
-
-def test_several_models_are_a_question(tmp_path):
-    (tmp_path / "two.mo").write_text("model A\nend A;\nmodel B\nend B;\n")
-    refused = run("init", tmp_path / "two.mo", tmp_path / "two.mo", "--out", tmp_path / "rig.toml")
-    assert refused.exit_code == 2
-    assert refused.stderr.strip().endswith("--model: A, B")
 
 
 @pytest.mark.parametrize("rig", sorted(RIGS.iterdir()), ids=lambda rig: rig.name)

@@ -76,15 +76,6 @@ def test_a_constant_stands_for_an_input_without_a_column(folder: Path):
     assert "G = 100" in (folder / "out" / "Room_fitted.mo").read_text("utf-8").replace("99.9", "100.")
 
 
-def test_an_input_that_nobody_drives_is_refused(folder: Path):
-    text = (folder / "room.toml").read_text()
-    (folder / "room.toml").write_text(text.replace("constants", "# constants"))
-    done = fit(folder, 60.0 * np.arange(400))
-    assert done.exit_code == 2
-    assert re.search(facts("run.csv", "T_amb", "Room", "time, P, T"), done.stderr)
-    assert re.search(facts("[data]", "constants"), done.stderr)
-
-
 @pytest.mark.parametrize("rise", [0.0, 300.0])
 def test_degrees_celsius_are_told_from_kelvin(folder: Path, rise: float):
     done = fit(folder, 60.0 * np.arange(400), shift=-273.15 + np.linspace(0.0, rise, 400))

@@ -207,10 +207,3 @@ def test_the_aero_has_the_ports_of_its_effects():
     assert named == {n: port for port, ids in expected.items() for n in ids.split()}
     curves = [row["id"].partition("@")[2] for row in rows if "@" in row["id"]]
     assert curves == ["electrical", "rotor", "thrust", "body", "body"]
-
-
-def test_recordings_beside_an_fmu_are_refused_in_one_line():
-    result = CliRunner().invoke(main, ["ports", "--model", "some.fmu", "--data", "run.csv"])
-    assert result.exit_code == 2
-    assert len(result.stderr.splitlines()) == 1
-    assert result.stderr.startswith("error: some.fmu: --data")

@@ -1,25 +1,38 @@
-"""Mistakes that people make on the command line: one line that names file, key or column, and says what to do."""
+"""Mistakes that people make on the command line: one line that names file, key or column, and says what to do.
+
+All bad input is a row of one table, in a copy of the cart's folder with an FMU and a recording of the AERO."""
 
 from __future__ import annotations
 
 import contextlib
+import subprocess
+import sys
+import zipfile
 from dataclasses import dataclass, field
 from pathlib import Path
 from shutil import copytree, ignore_patterns
 
+import numpy as np
 import pytest
 from click.testing import CliRunner
 
 from aero_bayes.cli import main
+from aero_bayes.modelica.compilers import export_fmu
+
+pytestmark = pytest.mark.fast
 
 CART = Path(__file__).parents[2] / "examples" / "cart"
 FIT = "fit --config rig.toml --data train.csv --out out --quiet"
+LOOP = "close-loop --config rig.toml --train train.csv --out out --quiet"
+AERO = "fit --model OneDof.fmu --data aero.csv --out out --quiet"
 TWO = "model A\nend A;\nmodel B\nend B;\n"
 
 
 @dataclass(frozen=True)
 class Mistake:
-    """What is typed in a copy of the cart's folder, what was replaced in which file, and what the answer has."""
+    """What is typed in a copy of the folder, what was replaced in which file, and what the answer has.
+
+    In place of nothing stands the whole file."""
 
     words: tuple[str, ...]
     typed: str = FIT
@@ -32,6 +45,24 @@ def toml(old: str, new: str, *words: str) -> Mistake:
 
 def data(old: str, new: str, *words: str) -> Mistake:
     return Mistake(("train.csv", *words), replaced={"train.csv": (old, new)})
+
+
+def loop(added: str, *words: str) -> Mistake:
+    return Mistake(words, LOOP, {"rig.toml": ("[fit]", added)})
+
+
+def quiet(**factors: float) -> str:
+    """A quiet, plausible recording of the AERO; columns by name times a factor."""
+    time = np.arange(0.0, 10.0, 0.02)
+    driven = time > 1.0
+    columns = {"time": time, "V_m": 12.0 * driven, "i_m": 0.1 + 0.0 * time, "omega_m": 200.0 * driven,
+               "theta": 0.1 * np.sin(1.3 * time)}  # fmt: skip
+    rows = np.column_stack([factors.get(name, 1.0) * values for name, values in columns.items()])
+    return "\n".join([",".join(columns), *(",".join(f"{x:.6g}" for x in row) for row in rows), ""])
+
+
+def aero(column: str, factor: float, *words: str) -> Mistake:
+    return Mistake(("aero", column, *words), AERO, {"aero.csv": ("", quiet(**{column: factor}))})
 
 
 def typed(command: str, *words: str) -> Mistake:
@@ -59,6 +90,7 @@ MISTAKES = {
     ),
     "a word for a number": toml("k = {free = true}", 'k = {value = "fifty"}', "rig.toml", "parameters.k.value"),
     "a section misspelt": toml("[parameters]", "[parameter]", "rig.toml", "'parameter' does not exist", "parameters"),
+    "a number below zero": toml("[fit]", "[fit.pso]\nparticles = -1\n[fit]", "fit.pso.particles", "-1"),
     "a key misspelt": toml("initial_states", "initial_state", "fit.initial_state", "initial_states"),
     "a choice that is none": toml('"estimated"', '"free"', "fit.initial_states", "'free'"),
     "no TOML": toml("[parameters]", "[parameters", "rig.toml", "not valid TOML", "line"),
@@ -87,21 +119,42 @@ MISTAKES = {
     "no header": data("time,F,position\n", "", "row 1: holds numbers, expected a header"),
     "text in a column": data("0.0,0.0,", "0.0,off,", "row 2, column F", "'off' is not a number"),
     "times that repeat": data("\n0.02,", "\n0.0,", "row 3, column time: repeats"),
+    "an empty file": data("", "", "empty"),
+    "a header alone": data("", "time,F,position\n", "no"),
+    "no reading at all": data("", "time,F,position\n" + "".join(f"{k},0,nan\n" for k in range(50)), "0 readings"),
+    "times that go back": data("\n0.04,", "\n0.01,", "row 4, column time"),
     "a hole in the input": data("\n0.02,0.0,", "\n0.02,,", "row 3, column F: missing"),
     "a missing cell": data("\n0.02,0.0,", "\n0.02,", "row 3: 2 cells, expected 3"),
     "no such recording": typed("fit --config rig.toml --data trian.csv", "trian.csv: no such file", "mean train.csv?"),
     "no such configuration": typed("fit --config rig --data train.csv", "rig: no such file; did you mean rig.toml?"),
     "the same recording twice": typed("fit --config rig.toml --data train.csv --data train.csv", "given twice"),
+    "two recordings of one name": Mistake(
+        ("other/train.csv", "different names"), f"{FIT} --data other/train.csv", {"other/train.csv": ("", quiet())},
+    ),
     "no configuration": typed("fit --data train.csv", "no model", "--config rig.toml"),
     "an FMU that is not there": typed("fit --config rig.toml --model Rig.fmu --data train.csv", "no such file"),
-    "a law that is none": Mistake(
-        ("coulomb",), "close-loop --config rig.toml --train train.csv --out out --quiet",
-        {"rig.toml": ("[fit]", '[loop]\nlaws = ["coulomb"]\n[fit]')},
-    ),
-    "a port that is none": Mistake(
-        ("speed",), "close-loop --config rig.toml --train train.csv --out out --quiet",
-        {"rig.toml": ("[fit]", '[loop]\nports = ["speed"]\n[fit]')},
-    ),
+    "a law that is none": loop('[loop]\nlaws = ["coulomb"]\n[fit]', "coulomb"),
+    "an effect for a law": loop('[loop]\nlaws = ["gain@F"]\n[fit]', "did you mean 'gain'?"),
+    "a port that is none": loop('[loop]\nports = ["speed"]\n[fit]', "port 'speed'"),
+    "an effect that is none": loop('[loop]\nexclude = ["ofset"]\n[fit]', "did you mean 'offset'?"),
+    "an effect at no port": loop('[loop]\nrequire = ["gain@w"]\n[fit]', "did you mean 'gain@"),
+    "a loop by least squares": loop('[fit]\ncost = "eq6"', "cost"),
+    "a loop by the swarm": loop('[fit]\nmethod = "pso"', "method"),
+    "a loop with process noise that is given": loop("[noise.process]\nposition = 0.1\n[fit]", "process"),
+    "a loop with the other engine": loop('[solver]\nengine = "fmpy"\n[fit]', "fmpy"),
+    "a loop with the other engine by an option": Mistake(("fmpy",), f"{LOOP} --engine fmpy"),
+    "an aim that is no parameter": typed("design --config rig.toml --data train.csv --aim K", "--aim K", "it has k, d"),
+    "a limit of no output": typed("design --config rig.toml --data train.csv --travel yaw=1", "yaw", "position"),
+    "a limit below zero": typed("design --config rig.toml --data train.csv --travel position=-1", "positive"),
+    "a short experiment": typed("design --config rig.toml --data train.csv --duration 0.05", "fewer than ten"),
+    "a voltage in mV": aero("V_m", 1000.0, "V"),
+    "a current in mA": aero("i_m", 1000.0, "A"),
+    "an angle in mrad": aero("theta", 1000.0, "rad"),
+    "a time in ms": aero("time", 1000.0, "s"),
+    "half an FMU": typed("fit --model half.fmu --data aero.csv", "half.fmu"),
+    "an FMU whose binary is no library": typed("fit --model binary.fmu --data aero.csv", "binary"),
+    "no FMU": Mistake(("Rig.fmu",), "init Rig.fmu train.csv --out new.toml", {"Rig.fmu": ("", "PK")}),
+    "recordings beside an FMU": Mistake(("error: some.fmu: --data",), "ports --model some.fmu --data train.csv"),
     "a file that is written already": typed("init Rig.mo train.csv --out rig.toml", "rig.toml: exists already"),
     "no model to begin with": typed("init Rgi.mo train.csv --out new.toml", "Rgi.mo: no such file"),
     "two models in a file": Mistake(
@@ -109,6 +162,10 @@ MISTAKES = {
     ),
     "a class for the exporter": typed("fmu --model Rgi --source Rig.mo --out out/Rig.fmu", "no such class in Rig.mo"),
     "a class without its file": typed("fmu --model Rig --out out/Rig.fmu", "Rig: no such class; name its file"),
+    "bounds of the model the wrong way round": Mistake(
+        ("error: Rig.mo:3: ", "k: min = 90"), "fmu --model Rig --source Rig.mo --out out/Rig.fmu",
+        {"Rig.mo": ('k(unit = "N/m", min = 0)', 'k(unit = "N/m", min = 90, max = 10)')},
+    ),
     "a semicolon forgotten": Mistake(
         ("Rig.mo:12: unexpected", "end of line 10"), FIT, {"Rig.mo": ("der(s) = v;", "der(s) = v")},
     ),
@@ -117,12 +174,26 @@ MISTAKES = {
 }  # fmt: skip
 
 
+@pytest.fixture(scope="module")
+def rig(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = Path(copytree(CART, tmp_path_factory.mktemp("rig") / "cart", ignore=ignore_patterns("out*", "*.ipynb")))
+    (folder / "aero.csv").write_text(quiet(), "utf-8")
+    whole = export_fmu("Aero.Systems.OneDof", folder / "OneDof.fmu")
+    (folder / "half.fmu").write_bytes(whole.read_bytes()[: whole.stat().st_size // 2])
+    with zipfile.ZipFile(whole) as source, zipfile.ZipFile(folder / "binary.fmu", "w") as target:
+        for item in source.infolist():
+            binary = item.filename.endswith(".so")
+            target.writestr(item, b"not a library" if binary else source.read(item.filename))
+    return folder
+
+
 @pytest.mark.parametrize("name", MISTAKES)
-def test_a_mistake_gets_one_line(name: str, tmp_path: Path):
-    mistake, folder = MISTAKES[name], Path(copytree(CART, tmp_path / "cart", ignore=ignore_patterns("out*", "*.ipynb")))
+def test_a_mistake_gets_one_line(name: str, rig: Path, tmp_path: Path):
+    mistake, folder = MISTAKES[name], Path(copytree(rig, tmp_path / "cart"))
     for file, (old, new) in mistake.replaced.items():
-        text = (folder / file).read_text("utf-8")
+        text = (folder / file).read_text("utf-8") if old else ""
         assert old in text
+        (folder / file).parent.mkdir(exist_ok=True)
         (folder / file).write_text(text.replace(old, new) if old else new, "utf-8")
     before = {path for path in folder.rglob("*") if path.is_file()}
     with contextlib.chdir(folder):
@@ -131,9 +202,21 @@ def test_a_mistake_gets_one_line(name: str, tmp_path: Path):
     (line,) = done.stderr.strip().splitlines()
     for words in mistake.words:
         assert words in line
-    written = {path for path in folder.rglob("*") if path.is_file() and path.suffix != ".fmu"}
+    written = {path for path in folder.rglob("*") if path.is_file() and (path.suffix != ".fmu" or path in before)}
     assert written == before, "something was half-written"
 
 
-def test_there_are_forty():
-    assert len(MISTAKES) >= 40
+@pytest.mark.parametrize("earlier", [True, False])
+def test_a_refused_run_says_whose_result_is_in_its_folder(earlier: bool, tmp_path: Path) -> None:
+    if earlier:
+        (tmp_path / "result.json").write_text("{}")
+    refused = CliRunner().invoke(main, ["fit", "--data", "none.csv", "--model", "Rig", "--out", str(tmp_path)])
+    assert (refused.exit_code, len(refused.stderr.splitlines())) == (2, 1)
+    assert (str(tmp_path / "result.json") in refused.stderr) == earlier
+
+
+def test_the_installed_command_ends_with_status_2(tmp_path: Path) -> None:
+    command = [Path(sys.executable).with_name("aero-bayes"), "check", str(tmp_path / "none.csv")]
+    finished = subprocess.run(command, capture_output=True, text=True)
+    assert finished.returncode == 2
+    assert finished.stderr.count("\n") == 1
