@@ -52,18 +52,13 @@ def test_only_what_differs_is_listed_of_the_settings(runs: Path, page: str) -> N
         assert result["verdict"]["text"][:12] in cell
 
 
-def test_the_command_names_what_it_wrote(runs: Path, tmp_path: Path) -> None:
-    out = tmp_path / "page.html"
-    result = CliRunner().invoke(main, ["compare", str(runs / "loop"), str(runs / "posterior"), "--out", str(out)])
+@pytest.mark.parametrize(("given", "written"), [("page.html", "page.html"), ("both", "both/compare.html")])
+def test_the_command_names_what_it_wrote(given: str, written: str, runs: Path, tmp_path: Path) -> None:
+    out = ["--out", str(tmp_path / given)]
+    result = CliRunner().invoke(main, ["compare", str(runs / "loop"), str(runs / "posterior"), *out])
     assert result.exit_code == 0, result.output
-    assert str(out) in result.output.replace("\n", "")
-
-
-def test_a_folder_takes_the_page(runs: Path, tmp_path: Path) -> None:
-    out = tmp_path / "both"
-    result = CliRunner().invoke(main, ["compare", str(runs / "loop"), str(runs / "posterior"), "--out", str(out)])
-    assert result.exit_code == 0, result.output
-    assert (out / "compare.html").is_file()
+    assert (tmp_path / written).is_file()
+    assert str(tmp_path / written) in result.output.replace("\n", "")
 
 
 def test_runs_of_one_name_are_told_apart_and_one_run_alone_is_refused(runs: Path, tmp_path: Path) -> None:

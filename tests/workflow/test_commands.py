@@ -62,27 +62,6 @@ def assert_contract(result: dict[str, Any], command: str) -> None:
 
 
 @pytest.mark.long
-def test_posterior_recovers_the_bench(adequate: Path, tmp_path: Path) -> None:
-    out = tmp_path / "out"
-    config = tmp_path / "study.toml"
-    config.write_text("[posterior]\ness = 300\n[fit.pso]\niterations = 40\n")
-    invoke("posterior", "--data", str(adequate), "--config", str(config), "--out", str(out))
-    result = read(out)
-    assert_contract(result, "posterior")
-    assert result["mcmc"]["ensembles"] >= 4
-    assert result["mcmc"]["r_hat_max"] <= 1.01
-    assert result["mcmc"]["draws"] >= 10 * result["mcmc"]["tau"]
-    assert result["verdict"]["level"] == "good"
-    for name, truth in (("R_a", TRUTH["R_a"]), ("K_sp", TRUTH["K_sp"])):
-        entry = result["parameters"][name]
-        assert abs(entry["value"] - truth) < 5.0 * entry["sd"], name
-    assert result["parameters"]["J_s"]["status"] == "fixed"
-    assert (out / "posterior.nc").stat().st_size > 0
-    assert (out / "report.html").read_text("utf-8").lower().startswith("<!doctype html>")
-    assert not list(out.glob("checkpoint*"))
-
-
-@pytest.mark.long
 def test_same_seed_same_numbers(adequate: Path, tmp_path: Path) -> None:
     config = tmp_path / "study.toml"
     config.write_text("[fit.pso]\niterations = 10\n")
@@ -121,17 +100,11 @@ def test_loop_names_the_missing_friction(tmp_path: Path) -> None:
     assert "model OneDof_pivot_coulomb_friction" in source
 
 
-def test_check_summarises(adequate: Path) -> None:
-    result = CliRunner().invoke(main, ["check", str(adequate), "--model", "Aero.Systems.OneDof"])
-    assert result.exit_code == 0
-    assert "50" in result.output
-    assert "theta" in result.output
-
-
 def test_check_takes_its_recordings_as_fit_does(adequate: Path) -> None:
     given = CliRunner().invoke(main, ["check", "--data", str(adequate), "--model", "Aero.Systems.OneDof"])
     assert given.exit_code == 0, given.output
     assert given.output == CliRunner().invoke(main, ["check", str(adequate), "--model", "Aero.Systems.OneDof"]).output
+    assert "theta" in given.output
     assert CliRunner().invoke(main, ["check", "--model", "Aero.Systems.OneDof"]).exit_code == 2
 
 
@@ -154,26 +127,6 @@ end Room;
     result = CliRunner().invoke(main, ["check", "--config", str(config), str(tmp_path / "run.csv")])
     assert result.exit_code == 0, result.output
     assert "T: 293.1 to 294.1 K" in result.output
-
-
-def test_configured_columns_and_units(adequate: Path, tmp_path: Path) -> None:
-    renamed = tmp_path / "renamed.csv"
-    header, *lines = adequate.read_text("utf-8").splitlines()
-    names = header.split(",")
-    pitch = names.index("theta")
-    degrees = [[*cells[:pitch], repr(math.degrees(float(cells[pitch]))), *cells[pitch + 1 :]] for cells in
-               (line.split(",") for line in lines)]  # fmt: skip
-    head = ",".join("pitch" if name == "theta" else name for name in names)
-    renamed.write_text("\n".join([head, *(",".join(cells) for cells in degrees)]) + "\n")
-    config = tmp_path / "study.toml"
-    config.write_text('[data.columns.theta]\nsource = "pitch"\nunit = "deg"\n[fit.pso]\niterations = 10\n')
-    plain, mapped = tmp_path / "plain", tmp_path / "mapped"
-    quick = tmp_path / "quick.toml"
-    quick.write_text("[fit.pso]\niterations = 10\n")
-    invoke("fit", "--data", str(adequate), "--config", str(quick), "--out", str(plain))
-    invoke("fit", "--data", str(renamed), "--config", str(config), "--out", str(mapped))
-    a, b = (read(out)["parameters"]["K_sp"]["value"] for out in (plain, mapped))
-    assert a == pytest.approx(b, rel=1e-6)
 
 
 @pytest.mark.skipif(not REAL.is_dir(), reason=f"no real recordings at {REAL}")

@@ -28,19 +28,8 @@ PROGRAM += "import aero_bayes.checkpoint as c; c.MIN_WRITE_INTERVAL = {every}; f
 
 def interrupted(folder: Path, sent: signal.Signals, every: float, until: str) -> tuple[int, list[str]]:
     """Status and what it said of a run whose processes all get a signal once a file is written."""
-    arguments = [
-        "posterior",
-        "--config",
-        "long.toml",
-        "--data",
-        "train.csv",
-        "--out",
-        "out",
-        "--workers",
-        "2",
-        "--resume",
-    ]
-    command = [sys.executable, "-c", PROGRAM.format(every=every), *arguments]
+    arguments = "posterior --config long.toml --data train.csv --out out --workers 2 --resume"
+    command = [sys.executable, "-c", PROGRAM.format(every=every), *arguments.split()]
     with subprocess.Popen(
         command, cwd=folder, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, text=True, start_new_session=True
     ) as run:
@@ -64,6 +53,13 @@ def interrupted(folder: Path, sent: signal.Signals, every: float, until: str) ->
                 os.killpg(run.pid, signal.SIGKILL)
     lines = [line for line in said.splitlines() if not line.endswith("...") and " after " not in line]
     return run.returncode, [line for line in lines if line]
+
+
+def cli(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
+    """A run that ends by itself."""
+    command = [sys.executable, "-c", "from aero_bayes.cli import main; main()", *arguments]
+    command += ["--data", "train.csv", "--out", "out", "--quiet"]
+    return subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
 
 
 @pytest.fixture
@@ -90,13 +86,14 @@ def test_what_a_batch_system_sends_keeps_the_checkpoint(folder: Path):
     assert lines[0].startswith("terminated: ")
     assert {"--resume", str(Path("out", "checkpoint.npz"))} <= set(lines[0].split())
     assert (folder / "out" / "checkpoint.npz").exists()
+    other = cli(folder, "posterior", "--config", "long.toml", "--resume", "--seed", "2")
+    assert (other.returncode, len(other.stderr.splitlines())) == (2, 1)
+    assert other.stderr.startswith(f"error: {Path('out', 'checkpoint.npz')} ")
 
 
 def test_a_second_run_in_the_folder_is_refused(folder: Path):
-    arguments = ["fit", "--config", "rig.toml", "--data", "train.csv", "--out", "out", "--quiet"]
-    command = [sys.executable, "-c", "from aero_bayes.cli import main; main()", *arguments]
     with one_run_at_a_time(folder / "out"):
-        refused = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
+        refused = cli(folder, "fit", "--config", "rig.toml")
     assert refused.returncode == 2
     assert re.match(facts("out", "--out"), refused.stderr)
     assert len(refused.stderr.splitlines()) == 1

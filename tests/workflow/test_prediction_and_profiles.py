@@ -51,15 +51,13 @@ def pair(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, Any]
 
 @pytest.mark.long
 def test_recordings_of_one_rig_predict_each_other_to_the_noise(pair: tuple[Path, dict[str, Any]]) -> None:
-    out, result = pair
+    _, result = pair
     left_out = result["prediction"]["recordings"]
     assert set(left_out) == {"run_1", "run_2"}
     for entry in left_out.values():
         for output, error in entry["rms"].items():
             assert entry["rms_fitted"][output] <= error * (1.0 + 1e-6)
             assert error < 1.1 * entry["rms_fitted"][output]
-    page = (out / "report.html").read_text("utf-8")
-    assert "Prediction of what was left out" in page
 
 
 def test_parameters_of_one_recording_say_which(pair: tuple[Path, dict[str, Any]]) -> None:
@@ -95,9 +93,6 @@ def test_one_recording_has_no_prediction_and_a_weak_parameter_a_profile(tmp_path
             assert 0.7 < wide[0] / wide[1] < 1.4
     assert "K_sp" not in found["profiles"]
     assert not any("a function of" in line for line in found["text"])
-    page = (tmp_path / "out" / "report.html").read_text("utf-8")
-    assert "Profile likelihoods" in page
-    assert "ratio" in page
 
 
 def test_prediction_can_be_left_out(tmp_path: Path) -> None:
