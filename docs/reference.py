@@ -27,7 +27,9 @@ from pydantic.fields import FieldInfo
 from aero_bayes import cli, declared
 from aero_bayes.commands.fleet import FleetFile
 from aero_bayes.config import Config
+from aero_bayes.data.columns import ColumnMap
 from aero_bayes.estimate.convergence import SampleSettings
+from aero_bayes.estimate.levenberg_marquardt import FitSettings
 from aero_bayes.laws.law import shipped_laws
 from aero_bayes.laws.law_places import LawPlaces
 from aero_bayes.loop.first_fit import LoopSettings
@@ -49,7 +51,10 @@ ROOT = Path(__file__).parents[1]
 MARK = re.compile(r"<!-- generate: (\w+) -->")
 
 #: Settings whose docstring says what the keys of a section mean.
-SETTINGS = {"loop": LoopSettings, "posterior": SampleSettings}
+SETTINGS = {
+    "loop": LoopSettings, "posterior": SampleSettings, "fit": FitSettings, "fit.local": FitSettings,
+    "data.columns.NAME": ColumnMap,
+}  # fmt: skip
 #: What each other key of the configuration means, with its unit; a ``description`` in the schema goes before.
 KEYS: Mapping[str, str] = {
     "model.name": "Modelica class, such as `Rig` or `Aero.Systems.HalfQuad`",
@@ -68,15 +73,6 @@ KEYS: Mapping[str, str] = {
     "data.columns.NAME.source": "column of the CSV file, or variable of the `.mat` file; left out: NAME",
     "data.columns.NAME.unit": "unit in the file (s, ms, us, V, mV, A, mA, rad, mrad, deg, rev, rad/s, deg/s, rev/s, "
     "rpm, count, count/s); left out: SI",
-    "data.columns.NAME.scale": "factor: the value is `(raw + offset) * scale`",
-    "data.columns.NAME.offset": "added to the raw value first",
-    "data.columns.NAME.counts_per_revolution": "of the encoder, for the units `count` and `count/s`",
-    "data.columns.NAME.unwrap": "true for an angle that is recorded modulo one turn, or the value in the file at "
-    "which a counter rolls over: its jumps are taken out",
-    "data.columns.NAME.reset": "true for a counter that is reset: it goes on from what it had counted",
-    "data.columns.NAME.missing": "values in the file that stand for none: a gap in an output; an input holds",
-    "data.columns.NAME.kind": "`mean` for means over an interval, as meters and energy loggers write them",
-    "data.columns.NAME.stamp": "of a mean: whether its interval ends at its time, or begins there",
     "parameters.NAME.free": "fitted, held, or `auto`: freed only if the data show it",
     "parameters.NAME.value": "start of the search; value of a parameter that is held (SI); "
     "`{light = 1.0, heavy = 2.5}`: known values by recording",
@@ -92,9 +88,6 @@ KEYS: Mapping[str, str] = {
     "parameters.NAME.prior.relative_sd": "of a log-normal prior, as a share of the median",
     "parameters.NAME.prior.lower": "of a uniform or log-uniform prior (SI)",
     "parameters.NAME.prior.upper": "of a uniform or log-uniform prior (SI)",
-    "fit.cost": "log-posterior, noise-weighted squares, or the paper's Eq. 6",
-    "fit.method": "which searches run",
-    "fit.staged": "fit in the direction of causality first: few outputs, then what depends on them",
     "fit.initial_states": "where states start: held at the first reading, estimated, or whichever suits the model",
     "fit.max_input_delay": "largest delay of the inputs that is searched, in s: one number for all of them together, "
     "anew in each recording, or `{heater = 1200}` for a dead time of single ones; below zero: by how much they may act "
@@ -107,7 +100,6 @@ KEYS: Mapping[str, str] = {
     "fit.pso.tolerance": "progress of the cost at which the swarm stops",
     "fit.local.iterations": "most iterations of the local search",
     "fit.local.tolerance": "predicted decrease of the cost at which it has converged (log-posterior: nats)",
-    "fit.local.starts": "points of the swarm that it starts from",
     "noise.process": "diffusion by state, in the state's unit over the square root of a second, or `estimated`; the "
     "noise of the readings is then white, and estimated beside it. In `close-loop`: the states that it may drive where "
     "laws leave something, all `estimated`; left out: every state",
@@ -188,7 +180,7 @@ def _section(section: type[BaseModel], path: str) -> Iterator[str]:
 
 
 def _meaning(key: str, field: FieldInfo) -> str:
-    section, _, name = key.partition(".")
+    section, _, name = key.rpartition(".")
     entries = Docstring.of(SETTINGS[section]).entries("Parameters") if section in SETTINGS else []
     own = (" ".join(text.split()) for names, _, text in entries if name in names)
     text = field.description or KEYS.get(key) or next(own, "")

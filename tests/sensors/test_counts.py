@@ -44,9 +44,9 @@ def counted(model):
 
 def test_counts_are_described(counted):
     fitted, step = counted
-    found = fitted.sensors["theta"]["encoder"]
-    assert found["step"] == pytest.approx(step, rel=1e-6)
-    assert found["share"] == pytest.approx(1 / 12 / (1 / 12 + 0.04), abs=0.15)
+    found = fitted.sensors["theta"].encoder
+    assert found.step == pytest.approx(step, rel=1e-6)
+    assert found.share == pytest.approx(1 / 12 / (1 / 12 + 0.04), abs=0.15)
     assert "i_m" not in fitted.sensors
 
 
@@ -55,9 +55,9 @@ def test_what_rounding_adds_is_told(size):
     time = np.arange(0.0, 40.0, 0.01)
     signal = 30.0 * np.sin(0.7 * time)
     readings = np.round(signal + size * np.random.default_rng(9).standard_normal(time.size))
-    found = describe_sensors(["y"], [(time, readings[:, None], signal[:, None])])["y"]["encoder"]
-    assert found["step"] == pytest.approx(1.0)
-    assert found["share"] == pytest.approx(1 / 12 / (1 / 12 + size**2), rel=0.1)
+    found = describe_sensors(["y"], [(time, readings[:, None], signal[:, None])])["y"].encoder
+    assert found.step == pytest.approx(1.0)
+    assert found.share == pytest.approx(1 / 12 / (1 / 12 + size**2), rel=0.1)
 
 
 def test_standstill_keeps_three_of_a_long_stretch():

@@ -121,69 +121,58 @@ def test_signals_of_a_mat_file_are_matched(rig, form):
     assert checked.exit_code == 0, checked.output
 
 
-def test_what_cannot_be_matched_is_a_comment(rig):
-    record(rig / "odd.csv", "time,first,second")
+@pytest.mark.parametrize(
+    ("header", "lines"),
+    [
+        ("t_ms,U [mV],level/g", (
+            'time = {source = "t_ms", unit = "ms"}', 'u = {source = "U [mV]", unit = "mV"}',
+            'level = {source = "level/g", unit = "g"}',
+        )),
+        # what only its unit told is to be looked at
+        ("min,drive (mV),mass_kg", (
+            'u = {source = "drive (mV)", unit = "mV"}  # ', 'time = {source = "min", unit = "min"}  # ',
+        )),
+        ("time,first,second", ("# u = {source",)),
+    ],
+)  # fmt: skip
+def test_columns_are_written_with_units_that_differ_and_others_as_comments(rig, header, lines):
+    record(rig / "odd.csv", header)
     done = run("init", rig / "models" / "Rig.mo", rig / "odd.csv", "--out", rig / "rig.toml")
     assert done.exit_code == 0, done.output
     text = (rig / "rig.toml").read_text()
     assert "parameters" in tomllib.loads(text)
-    (comment,) = [line for line in text.splitlines() if line.startswith("# u = {source")]
-    assert re.search(facts("first", "second"), comment)
+    found = [next(line for line in text.splitlines() if line.startswith(begin)) for begin in lines]
+    if header == "time,first,second":
+        assert re.search(facts("first", "second"), found[0])
+
+
+UNITS = {"time": "s", "i_load": "A", "v_out": "V"}
 
 
 @pytest.mark.parametrize(
-    ("columns", "expected"),
+    ("wanted", "columns", "expected"),
     [
-        (("t [us]", "Iload", "IL", "V-Out"), {"time": "t [us]", "i_load": "Iload", "v_out": "V-Out"}),
-        (("s", "i_load", "U_out (mV)", "I_coil (A)"), {"time": "s", "i_load": "i_load", "v_out": "U_out (mV)"}),
-        (("time", "i_load_1", "i_load_2", "a_mV", "b_mV"), {"time": "time"}),
-        (("time", "v_out", "temp_degC"), {"time": "time", "v_out": "v_out"}),
+        (UNITS, ("t [us]", "Iload", "IL", "V-Out"), {"time": "t [us]", "i_load": "Iload", "v_out": "V-Out"}),
+        (UNITS, ("s", "i_load", "U_out (mV)", "I_coil (A)"), {"time": "s", "i_load": "i_load", "v_out": "U_out (mV)"}),
+        (UNITS, ("time", "i_load_1", "i_load_2", "a_mV", "b_mV"), {"time": "time"}),
+        (UNITS, ("time", "v_out", "temp_degC"), {"time": "time", "v_out": "v_out"}),
+        (None, ("time", "u", "y"), {"time": "time", "u": "u", "y": "y"}),
+        (None, ("time", "Y [mm]", "U"), {"time": "time", "u": "U", "y": "Y [mm]"}),
+        (None, ("time", "u", "U", "z"), {"time": "time", "u": "u"}),
+        (None, ("time", "u", "reading"), {"time": "time", "u": "u", "y": "reading"}),
+        (None, ("time", "a", "b"), {"time": "time"}),
+        (None, ("t", "h1", "u", "y"), {"time": "t", "u": "u", "y": "y"}),
+        (None, ("h1", "u", "y"), {"time": "h1", "u": "u", "y": "y"}),
     ],
 )
-def test_a_unit_or_a_word_tells_a_column_where_only_one_fits(columns, expected):
-    units = {"time": "s", "i_load": "A", "v_out": "V"}
-    assert match_columns(tuple(units), columns, units).columns == expected
-
-
-def test_what_was_told_by_its_unit_is_to_be_looked_at(rig):
-    record(rig / "odd.csv", "min,drive (mV),mass_kg")
-    done = run("init", rig / "models" / "Rig.mo", rig / "odd.csv", "--out", rig / "odd.toml")
-    assert done.exit_code == 0, done.output
-    lines = (rig / "odd.toml").read_text().splitlines()
-    for entry in ('u = {source = "drive (mV)", unit = "mV"}', 'time = {source = "min", unit = "min"}'):
-        assert any(line.startswith(f"{entry}  # ") for line in lines)
-
-
-@pytest.mark.parametrize(
-    ("columns", "expected"),
-    [
-        (("time", "u", "y"), {"time": "time", "u": "u", "y": "y"}),
-        (("time", "Y [mm]", "U"), {"time": "time", "u": "U", "y": "Y [mm]"}),
-        (("time", "u", "U", "z"), {"time": "time", "u": "u"}),
-        (("time", "u", "reading"), {"time": "time", "u": "u", "y": "reading"}),
-        (("time", "a", "b"), {"time": "time"}),
-        (("t", "h1", "u", "y"), {"time": "t", "u": "u", "y": "y"}),
-        (("h1", "u", "y"), {"time": "h1", "u": "u", "y": "y"}),
-    ],
-)
-def test_columns_are_matched_by_name_and_never_guessed(columns, expected):
-    assert match_columns(("time", "u", "y"), columns).columns == expected
+def test_columns_are_matched_by_name_or_unit_where_only_one_fits(wanted, columns, expected):
+    assert match_columns(tuple(wanted or ("time", "u", "y")), columns, wanted).columns == expected
 
 
 @pytest.mark.parametrize("rig", sorted(RIGS.iterdir()), ids=lambda rig: rig.name)
 def test_the_model_is_the_one_that_nothing_uses(rig):
     known = tomllib.loads((rig / "rig.toml").read_text())["model"]["name"]
     assert main_class(rig / "Rig.mo") == known
-
-
-def test_columns_are_matched_without_units_and_differing_ones_written(rig):
-    record(rig / "odd.csv", "t_ms,U [mV],level/g")
-    assert run("init", rig / "models" / "Rig.mo", rig / "odd.csv", "--out", rig / "rig.toml").exit_code == 0
-    assert tomllib.loads((rig / "rig.toml").read_text())["data"]["columns"] == {
-        "time": {"source": "t_ms", "unit": "ms"},
-        "u": {"source": "U [mV]", "unit": "mV"},
-        "level": {"source": "level/g", "unit": "g"},
-    }
 
 
 @pytest.mark.parametrize(

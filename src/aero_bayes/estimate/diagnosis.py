@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Literal, cast
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
@@ -125,8 +125,8 @@ def check_noise(fit: Fit) -> DiagnosisRow:
     if fit.reports and all(report.exact for report in fit.reports):
         sizes = ", ".join(f"{o} {rms:.1g}" for o, rms in fit.rms.items())
         return DiagnosisRow("noise", False, f"There is no noise at all: what is left ({sizes}) is rounding.")
-    counts = {o: cast("dict[str, float]", entry["encoder"]) for o, entry in fit.sensors.items() if "encoder" in entry}
-    rounded = {o: own["step"] for o, own in counts.items() if own["share"] >= MIN_ROUNDED_SHARE}
+    counts = {o: sensor.encoder for o, sensor in fit.sensors.items() if sensor.encoder is not None}
+    rounded = {o: own.step for o, own in counts.items() if own.share >= MIN_ROUNDED_SHARE}
     if rounded:
         units = fit.calibration.model.units
         where = ", ".join(f"{o}: steps of {with_unit(f'{step:.3g}', units.get(o, ''))}" for o, step in rounded.items())

@@ -319,7 +319,20 @@ def rounding_error(time: FloatArray, fitted: FloatArray, step: float, zero: floa
     return estimate_noise([time], [error], "auto")
 
 
-Json = dict[str, Any]
+@dataclass(frozen=True)
+class Encoder:
+    """The step of an encoder's counts, and the share of the residual's variance that rounding to them is."""
+
+    step: float
+    share: float
+
+
+@dataclass(frozen=True)
+class Sensor:
+    """Errors of a sensor."""
+
+    encoder: Encoder | None = None
+
 
 #: Share of the residual's variance below which quantisation is not reported.
 MIN_VARIANCE_SHARE = 1e-3
@@ -327,16 +340,16 @@ MIN_VARIANCE_SHARE = 1e-3
 
 def describe_sensors(
     outputs: Sequence[str], recordings: Sequence[tuple[FloatArray, FloatArray, FloatArray]]
-) -> dict[str, Json]:
-    """Describe quantisation by output, as it goes into result.json; times, readings and fit of each recording."""
+) -> dict[str, Sensor]:
+    """Describe quantisation by output, where there is any; times, readings and fit of each recording."""
     found = {
         output: next((c for t, y, f in recordings if (c := _counts(t, y[:, k], f[:, k]))), None)
         for k, output in enumerate(outputs)
     }
-    return {output: {"encoder": counts} for output, counts in found.items() if counts is not None}
+    return {output: Sensor(counts) for output, counts in found.items() if counts is not None}
 
 
-def _counts(time: FloatArray, readings: FloatArray, fitted: FloatArray) -> Json | None:
+def _counts(time: FloatArray, readings: FloatArray, fitted: FloatArray) -> Encoder | None:
     """Return the step of quantised readings, and the share of the residual's variance that is rounding; else None."""
     step, squares = quantisation_step(readings) or 0.0, (readings - fitted)[np.isfinite(readings)] ** 2
     variance = float(np.mean(squares)) if squares.size else math.inf
@@ -344,4 +357,4 @@ def _counts(time: FloatArray, readings: FloatArray, fitted: FloatArray) -> Json 
         return None
     zero = float(readings[np.flatnonzero(np.isfinite(readings))[0]]) % step
     error = rounding_error(time, fitted, step, zero)
-    return {"step": step, "share": min(1.0, error.sd**2 / max(variance, 1e-300))}
+    return Encoder(step, min(1.0, error.sd**2 / max(variance, 1e-300)))

@@ -26,6 +26,7 @@ from aero_bayes.estimate.levenberg_marquardt import FitSettings, Stop
 from aero_bayes.estimate.local_fit import Optimum
 from aero_bayes.estimate.modes import Mode, modes_sentence
 from aero_bayes.estimate.noise import OutputNoise
+from aero_bayes.estimate.noise_estimation import Sensor
 from aero_bayes.estimate.objective import Series
 from aero_bayes.estimate.other_tools import (
     OtherTools,
@@ -131,8 +132,8 @@ class Fit(OtherTools, HasPage):
     seconds : float
     settings : FitSettings
         How it was fitted.
-    sensors : mapping of str to dict
-        Encoder counts, by output, as result.json takes them.
+    sensors : mapping of str to Sensor
+        Encoder counts, by output.
     states : tuple of SmoothedStates
         With process noise, the states of each recording given all its readings, in the order of the model's states.
     modes : tuple of Mode
@@ -202,7 +203,7 @@ class Fit(OtherTools, HasPage):
     warnings: tuple[str, ...]
     seconds: float
     settings: FitSettings = field(default_factory=FitSettings)
-    sensors: Mapping[str, Json] = field(default_factory=dict)
+    sensors: Mapping[str, Sensor] = field(default_factory=dict)
     states: tuple[SmoothedStates, ...] = ()
     modes: tuple[Mode, ...] = ()
     solver_difference: Mapping[str, float] = field(default_factory=dict)

@@ -10,6 +10,7 @@ from aero_bayes.data.split import Role
 from aero_bayes.estimate.crossvalidation import LeftOutPrediction
 from aero_bayes.estimate.diagnosis import DiagnosisRow
 from aero_bayes.estimate.identifiability import Combination, Estimate
+from aero_bayes.estimate.noise_estimation import Sensor
 from aero_bayes.estimate.posterior import McmcJson
 from aero_bayes.estimate.propose import DesignJson
 from aero_bayes.estimate.residual_tests import ResidualReport
@@ -80,19 +81,6 @@ class IdentifiabilityJson(JsonTable):
     profiles: ByName[LikelihoodProfile] = {}
     profile_drop_90: JsonNumber = None
     not_profiled: list[str] = []
-
-
-class EncoderJson(JsonTable):
-    """Counts of an encoder and what rounding to them adds."""
-
-    step: float
-    share: float
-
-
-class SensorJson(JsonTable):
-    """Errors of a sensor."""
-
-    encoder: EncoderJson | None = None
 
 
 class PredictionJson(JsonTable):
@@ -244,7 +232,7 @@ class RunJson(JsonTable):
     parameters: ByName[Estimate] = {}
     noise: dict[str, NoiseJson] = {}
     process_noise: ByName[Estimate] = {}
-    sensors: dict[str, SensorJson] = {}
+    sensors: dict[str, Sensor] = {}
     fit: FitJson = FitJson()
     identifiability: IdentifiabilityJson = IdentifiabilityJson()
     residual: dict[str, dict[str, ResidualReport]] = {}
