@@ -103,13 +103,15 @@ def digest(*items: object) -> str:
     return found.hexdigest()
 
 
-def write_arrays(path: Path, arrays: Arrays) -> None:
-    """Write arrays to a temporary file beside ``path``, force it to disk, and rename it."""
+def write_arrays(path: Path, arrays: Mapping[str, Any], *, compressed: bool = False) -> Path:
+    """Write arrays to a file, whole or not at all; its folder is made."""
     path.parent.mkdir(parents=True, exist_ok=True)
     with whole_file(path) as temporary, temporary.open("wb") as file:
-        np.savez(file, allow_pickle=False, **arrays)
-        file.flush()
-        os.fsync(file.fileno())
+        if compressed:
+            np.savez_compressed(file, allow_pickle=False, **arrays)
+        else:
+            np.savez(file, allow_pickle=False, **arrays)
+    return path
 
 
 def _read_arrays(path: Path) -> dict[str, NDArray[np.generic]] | None:

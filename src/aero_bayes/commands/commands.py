@@ -17,7 +17,7 @@ import click
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from aero_bayes.checkpoint import Checkpoint
+from aero_bayes.checkpoint import Checkpoint, write_arrays
 from aero_bayes.commands.context import context_part, resumable
 from aero_bayes.commands.job import (
     Job,
@@ -73,7 +73,6 @@ from aero_bayes.report.results import (
     unfitted_series,
     versions,
     write_result,
-    write_series,
 )
 from aero_bayes.report.schema_run import SCHEMA, RunJson
 from aero_bayes.simulation.engines import open_simulator
@@ -340,7 +339,7 @@ def write_page(job: Job, result: Json, series: Series) -> tuple[Path, RunJson]:
         made = Path(beside)
         if (posterior := out / "posterior.nc").is_file():
             os.link(posterior, made / posterior.name)
-        write_series(made, only_measured(series))
+        write_arrays(made / "series.npz", only_measured(series), compressed=True)
         document = plain(result | context_part(job, result))
         document.setdefault("verdict", words.verdict(RunJson.model_validate(document)).model_dump())
         told = write_result(made, document)

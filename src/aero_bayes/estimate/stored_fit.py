@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from aero_bayes.arrays import FloatArray
+from aero_bayes.checkpoint import write_arrays
 from aero_bayes.data.recording import Recording, to_experiment
 from aero_bayes.errors import InputError
 from aero_bayes.estimate.calibration import Calibration
@@ -75,8 +76,7 @@ def store(fit: Fit, folder: Path) -> None:
         arrays |= {f"{k}/{n}": v for n, v in columns.items()}
     with whole_file(folder / MODEL) as temporary:
         shutil.copyfile(calibration.model.path, temporary)
-    with whole_file(folder / VALUES) as temporary, temporary.open("wb") as stream:
-        np.savez_compressed(stream, allow_pickle=False, told=np.array(json.dumps(plain(told))), **arrays)
+    write_arrays(folder / VALUES, {"told": np.array(json.dumps(plain(told))), **arrays}, compressed=True)
 
 
 def stored(folder: Path) -> StoredFit:

@@ -138,11 +138,9 @@ def extend(context: LoopContext, first: FirstFit, search: Search, decision: Deci
         written = context.family.with_fitted(written, fitted, added)
     reports = check_residuals(calibration, fit.series, fit.optimum, first.floors)
     after = context.predictor.predict(calibration, fit.optimum)
+    file = written.path.name if written is not None else ""
     effects = tuple(
-        replace(
-            _effect(context, search.table, decision, id_, [new for _, new in names[id_]], fit),
-            modelica=written.path.name if written is not None else "",
-        )
+        replace(_effect(context, search.table, decision, id_, [new for _, new in names[id_]], fit), modelica=file)
         for id_ in decision.model
     )
     context.statistics.end_stage("judgement")

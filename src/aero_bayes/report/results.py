@@ -16,7 +16,7 @@ from aero_bayes.data.noise import noise_floors
 from aero_bayes.data.recording import Recording
 from aero_bayes.estimate.prediction import Predictive
 from aero_bayes.estimate.result import Fit
-from aero_bayes.files import whole_file, write_whole
+from aero_bayes.files import write_whole
 from aero_bayes.loop.result import LoopResult
 from aero_bayes.plain import picked, plain
 from aero_bayes.report.schema_run import RecordingJson, RunJson
@@ -39,14 +39,6 @@ def write_result(directory: Path, result: Mapping[str, Any]) -> RunJson:
 def write_json(path: Path, document: Mapping[str, Any]) -> Path:
     """Write a document of finite numbers."""
     return write_whole(path, json.dumps(document, indent=1, ensure_ascii=False, allow_nan=False) + "\n")
-
-
-def write_series(directory: Path, series: Mapping[str, FloatArray]) -> Path:
-    """Write ``series.npz``, the curves that the page draws."""
-    path = directory / "series.npz"
-    with whole_file(path) as temporary, temporary.open("wb") as stream:
-        np.savez_compressed(stream, allow_pickle=False, **{key: np.asarray(v) for key, v in series.items()})
-    return path
 
 
 def versions() -> dict[str, str]:
