@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from aero_bayes.data import ColumnMap, Recording, read_recording
-from aero_bayes.data.counters import counter_falls
+from aero_bayes.data.columns import counter_falls
 
 pytestmark = pytest.mark.fast
 
@@ -24,46 +24,39 @@ def read(folder: Path, values: np.ndarray, column: ColumnMap | None = None) -> R
     return read_recording(folder / "run.csv", columns, inputs=["u"], outputs=["E"], units={"u": "W", "E": "J"})
 
 
-@pytest.mark.parametrize("modulus", [256.0, 1000.0, 1024.0])
-@pytest.mark.parametrize("begin", [0.0, 77.0])
-def test_a_counter_that_rolls_over(tmp_path: Path, modulus: float, begin: float) -> None:
-    whole = COUNTS + begin
-    (finding,) = read(tmp_path, whole % modulus).findings
+DAY = TIME.astype(int) // 150
+USED = np.random.default_rng(2).uniform(0.1, 5.0, TIME.size) * (1.0 + DAY)
+SLOW = np.cumsum(3.0 + np.sin(TIME / 40.0))
+#: What is read, the column that lets it go on, what it counted, and what the finding says to do, and where.
+COUNTERS = {
+    "at 256": (COUNTS % 256.0, ColumnMap("E", unwrap=256.0), COUNTS, "unwrap = 256", ""),
+    "at 1000": (COUNTS % 1000.0, ColumnMap("E", unwrap=1000.0), COUNTS, "unwrap = 1000", ""),
+    # the modulus counts in the unit of the file
+    "at 1024 kJ": ((COUNTS + 77.0) % 1024.0, ColumnMap("E", unit="kJ", unwrap=1024.0), 1e3 * (COUNTS + 77.0),
+                   "unwrap = 1024", ""),
+    "reset": (np.concatenate([np.cumsum(part) for part in np.split(USED, 4)]), ColumnMap("E", reset=True),
+              np.cumsum(USED), "reset = true", "150, 300, 450 s"),
+    # what it counted in the interval before is lost: it is as much as in those beside it
+    "reset right before its reading": (SLOW - SLOW[150 * DAY], ColumnMap("E", reset=True),
+                                       pytest.approx(SLOW - SLOW[0], abs=0.01), "reset = true", ""),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("kind", COUNTERS)
+def test_a_counter_is_found_and_goes_on(tmp_path: Path, kind: str) -> None:
+    values, column, whole, done, where = COUNTERS[kind]
+    (finding,) = read(tmp_path, values).findings
     assert (finding.kind, finding.signal, finding.mended) == ("wrapped", "E", False)
-    assert f"{modulus:.0f}" in finding.what
-    assert f"unwrap = {modulus:.0f}" in finding.done
-    unit = ColumnMap("E", unit="kJ", unwrap=modulus)  # the modulus counts in the unit of the file
-    mended = read(tmp_path, whole % modulus, unit)
+    assert done in finding.done
+    assert where in finding.where
+    mended = read(tmp_path, values, column)
     assert mended.findings == ()
-    assert mended.outputs["E"] == pytest.approx(1e3 * whole)
+    assert mended.outputs["E"] == (pytest.approx(whole) if isinstance(whole, np.ndarray) else whole)
 
 
 def test_a_counter_that_rolls_over_at_an_end_of_its_own(tmp_path: Path) -> None:
     (finding,) = read(tmp_path, COUNTS % 777.0).findings
     assert float(finding.done.split("unwrap = ")[1].rstrip(".")) == pytest.approx(777.0, abs=5.0)
-
-
-def test_a_register_that_is_reset(tmp_path: Path) -> None:
-    day = 150
-    used = np.random.default_rng(2).uniform(0.1, 5.0, TIME.size) * (1.0 + TIME // day)
-    whole = np.cumsum(used)
-    values = np.concatenate([np.cumsum(part) for part in np.split(used, TIME.size // day)])
-    (finding,) = read(tmp_path, values).findings
-    assert "reset = true" in finding.done
-    assert "150, 300, 450 s" in finding.where
-    mended = read(tmp_path, values, ColumnMap("E", reset=True))
-    assert mended.findings == ()
-    assert mended.outputs["E"] == pytest.approx(whole)
-
-
-def test_a_register_that_is_reset_right_before_its_reading(tmp_path: Path) -> None:
-    """What it counted in the interval before is lost: it is as much as in those beside it."""
-    whole = np.cumsum(3.0 + np.sin(TIME / 40.0))
-    values = whole - whole[TIME.astype(int) // 150 * 150]
-    (finding,) = read(tmp_path, values).findings
-    assert "reset = true" in finding.done
-    mended = read(tmp_path, values, ColumnMap("E", reset=True))
-    assert mended.outputs["E"] == pytest.approx(whole - whole[0], abs=0.01)
 
 
 def test_gaps_of_a_counter_stay(tmp_path: Path) -> None:

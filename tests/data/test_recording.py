@@ -38,27 +38,23 @@ def test_a_header_with_another_unit_than_the_given_one_or_the_models_is_asked_ab
     assert notes(scale=1e-3) == ()
 
 
-def test_slice_split_and_holding_back() -> None:
+def test_slice_and_holding_back() -> None:
     whole = recording([0.0] * 5 + [10.0] * 5, start=2.0)
     assert whole.slice(2.2, 2.5).time.tolist() == pytest.approx([2.2, 2.3, 2.4])
-    first, rest = whole.split(0.6)
-    assert first.rows + rest.rows == whole.rows
-    assert first.time[-1] < rest.time[0]
     held = whole.without(after=2.5)
     assert held.rows == whole.rows
     assert np.isfinite(held.outputs["theta"]).sum() == 5
     np.testing.assert_array_equal(held.inputs["V_m"], whole.inputs["V_m"])
-    assert len({whole.sha256, held.sha256, first.sha256, rest.sha256}) == 4
+    assert len({whole.sha256, held.sha256, whole.slice(2.2, 2.5).sha256}) == 3
 
 
 @pytest.mark.parametrize(
     "use",
     [
         lambda r: r.slice(50.0, 60.0),
-        lambda r: r.split(1.5),
-        lambda r: r.split(0.01),
         lambda r: r.measured(("i_m",)),
         lambda r: to_experiment(r, ["i_m"]),
+        lambda r: Recording("r", r.time[1:], {}, r.outputs),
     ],
 )
 def test_misuse_is_an_input_error(use) -> None:
@@ -66,27 +62,12 @@ def test_misuse_is_an_input_error(use) -> None:
         use(recording([0.0] * 10))
 
 
-def test_columns_of_unequal_length_are_refused() -> None:
-    with pytest.raises(InputError, match="theta"):
-        Recording("r", np.arange(3.0), {}, {"theta": np.zeros(4)})
-
-
-def test_experiment_keeps_only_changes_of_the_input() -> None:
-    experiment = to_experiment(recording([0, 0, 5, 5, 5, -3, -3, 0, 0, 0]), start={"body.theta": 0.1})
-    (signal,) = experiment.inputs
-    assert signal.time.tolist() == pytest.approx([0.0, 0.2, 0.5, 0.7])
-    assert signal.values.tolist() == [0, 5, -3, 0]
-    assert signal.interpolation == "hold"
-    assert experiment.start == {"body.theta": 0.1}
-    assert experiment.measured is not None
-    assert experiment.measured.shape == (10, 1)
-
-
 @pytest.mark.parametrize("seed", range(10))
 def test_compressed_input_is_the_recorded_one(seed: int) -> None:
     rng = np.random.default_rng(seed)
     original = recording(rng.choice([0.0, 1.0, -2.5], 50).tolist())
     (signal,) = to_experiment(original).inputs
+    assert np.all(np.diff(signal.values) != 0.0)
     held = signal.values[np.searchsorted(signal.time, original.time, side="right") - 1]
     np.testing.assert_array_equal(held, original.inputs["V_m"])
 

@@ -14,7 +14,7 @@ import pytest
 
 import aero_bayes
 from aero_bayes.data import Recording
-from aero_bayes.data.means import with_means
+from aero_bayes.data.recording import with_means
 from aero_bayes.estimate import CalibrationSettings, LogNormal
 from aero_bayes.estimate.outliers import outlier_rows
 

@@ -22,7 +22,7 @@ train = Recording.from_frame(frame.set_index("time"), inputs="F", outputs="posit
 t, F, y = (frame[c].to_numpy() for c in ("time", "F", "position"))
 same = Recording("arrays", t, {"F": F}, {"position": y})
 lists = Recording("lists", t.tolist(), {"F": F.tolist()}, {"position": y.tolist()})
-early, late = train.split(0.7)
+early = train.slice(0.0, 28.0)
 print(train.summary())
 aero_bayes.data.write_csv(early, "early.csv")
 fit = aero_bayes.fit(train, model, parameters="k", workers=0)

@@ -1,29 +1,25 @@
 """Recordings: read, check, units, align, split."""
 
 from aero_bayes.data.columns import ColumnMap, Layout
-from aero_bayes.data.find_table import DataFinding
 from aero_bayes.data.initial_level import initial_level
-from aero_bayes.data.noise import noise_floor, noise_floors, output_noise_floor, quantisation_step
+from aero_bayes.data.noise import noise_floor, noise_floors, quantisation_step
 from aero_bayes.data.read import read_recording, read_recordings, write_csv
 from aero_bayes.data.recording import Recording, to_experiment
-from aero_bayes.data.screen import screen, screen_all
+from aero_bayes.data.screen import screen
 from aero_bayes.declared import ColumnSpec
 
 __all__ = [
     "ColumnMap",
     "ColumnSpec",
-    "DataFinding",
     "Layout",
     "Recording",
     "initial_level",
     "noise_floor",
     "noise_floors",
-    "output_noise_floor",
     "quantisation_step",
     "read_recording",
     "read_recordings",
     "screen",
-    "screen_all",
     "to_experiment",
     "write_csv",
 ]

@@ -151,11 +151,6 @@ def _dates_in(text: list[str]) -> pandas.Series:
     return min(read, key=lambda dates: (dates.isna().any(), dates.diff().abs().max()))
 
 
-def seconds(times: Any) -> FloatArray:
-    """Convert a series or an index of pandas, or an array, to times in s."""
-    return instants(times)[0]
-
-
 def instants(times: Any) -> tuple[FloatArray, float]:
     """Convert times of pandas or an array to s, and return what was taken off them.
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from aero_bayes.arrays import FloatArray
-from aero_bayes.data.columns import Layout, runs
+from aero_bayes.data.columns import Layout, Mask, runs
 from aero_bayes.declared import ColumnSpec
 from aero_bayes.errors import InputError
 
@@ -27,20 +27,22 @@ def check_recording(recording: Recording, layout: Layout | None = None, where: R
     name = str(recording.path or recording.name)
     if recording.rows < MIN_SAMPLES:
         raise InputError(f"{name}: {recording.rows} samples, expected at least {MIN_SAMPLES}")
-    _check_time(name, recording.time, place)
+
+    def refuse(wrong: Mask, column: str, told: str) -> None:
+        """Raise InputError for the first row that is wrong, if there is one."""
+        if wrong.any():
+            raise InputError(f"{name}, {place(int(np.argmax(wrong)))}, column {column}: {told}")
+
+    refuse(~np.isfinite(recording.time), "time", "is missing or not finite, expected seconds")
+    _check_order(name, recording.time, place)
     for column, values in recording.inputs.items():
         bad = ~np.isfinite(values)
-        if bad.any():
-            first, end = runs(bad)[0]
-            block = f" ({end - first} in a row)" if end - first > 1 else ""
-            raise InputError(f"{name}, {place(first)}, column {column}: missing or not finite{block}, expected a value "
-                             "in every row of an input")  # fmt: skip
+        first, end = (*runs(bad), (0, 0))[0]
+        block = f" ({end - first} in a row)" if end - first > 1 else ""
+        refuse(bad, column, f"missing or not finite{block}, expected a value in every row of an input")
     for column, values in recording.outputs.items():
-        infinite, readings = np.isinf(values), int(np.isfinite(values).sum())
-        if infinite.any():
-            row = int(np.argmax(infinite))
-            raise InputError(f"{name}, {place(row)}, column {column}: is infinite, expected a finite reading")
-        if readings < MIN_SAMPLES:
+        refuse(np.isinf(values), column, "is infinite, expected a finite reading")
+        if (readings := int(np.isfinite(values).sum())) < MIN_SAMPLES:
             raise InputError(f"{name}, column {column}: {readings} readings in {values.size} rows, expected at least "
                              f"{MIN_SAMPLES} (leave the column out if it was not measured)")  # fmt: skip
     if layout is not None:
@@ -48,12 +50,7 @@ def check_recording(recording: Recording, layout: Layout | None = None, where: R
         _check_sizes(name, recording, layout, place)
 
 
-def _check_time(name: str, time: FloatArray, place: RowName) -> None:
-    bad = ~np.isfinite(time)
-    if bad.any():
-        raise InputError(
-            f"{name}, {place(int(np.argmax(bad)))}, column time: is missing or not finite, expected seconds"
-        )
+def _check_order(name: str, time: FloatArray, place: RowName) -> None:
     still = np.diff(time) <= 0.0
     if still.any():
         row = int(np.argmax(still)) + 1

@@ -1,4 +1,4 @@
-"""Columns of a file: names, roles, units and gaps; parts of one run, and angles that wrap."""
+"""Columns of a file: names, roles, units and gaps; parts of one run, angles that wrap, and counters."""
 
 from __future__ import annotations
 
@@ -22,6 +22,8 @@ if TYPE_CHECKING:
 
 Rows = NDArray[np.intp]
 Mask = NDArray[np.bool_]
+#: Where in its interval the time of a mean stands.
+Stamp = Literal["beginning", "end"]
 
 #: A median absolute deviation times this is the standard deviation of a normal distribution.
 MAD_TO_SD = 1.4826
@@ -147,6 +149,35 @@ def without_resets(values: FloatArray) -> FloatArray:
     return found
 
 
+#: Values at which counters roll over.
+MODULI = (*(2.0**n for n in (8, 10, 12, 14, 15, 16, 20, 24, 31, 32)), *(10.0**n for n in range(2, 10)))
+#: Fewest rises, and falls over rises at most, that show a counter; what it falls by, in largest rises.
+MIN_RISES, MAX_FALLS, MIN_FALL = 20, 0.1, 4.0
+#: A counter comes as close to its end, and begins as low again, as this many of its largest rises.
+CLOSE = 1.5
+
+
+def counter_falls(values: FloatArray) -> tuple[Mask, float | None] | None:
+    """Return where a counter falls, and the value at which it rolls over, None for one that is reset.
+
+    None where the values do not only rise but for falls to about zero."""
+    there = np.flatnonzero(np.isfinite(values))
+    seen = values[there]
+    steps = np.diff(seen)
+    rises, down = steps[steps > 0.0], np.flatnonzero(steps < 0.0)
+    if rises.size < MIN_RISES or not 0 < down.size <= MAX_FALLS * rises.size or seen.min() < 0.0:
+        return None
+    close = CLOSE * float(rises.max())
+    before, after = seen[down], seen[down + 1]
+    if after.max() > close or np.min(before - after) < MIN_FALL * close / CLOSE:
+        return None
+    rows = np.isin(np.arange(values.size), there[down + 1])
+    known = [m for m in MODULI if before.max() < m <= before.min() + close]
+    # At an end of its own a counter falls by the same amount each time, but for one rise.
+    own = float(np.round(np.median(before - after + rises.mean()), 6)) if down.size > 1 else None
+    return rows, known[0] if known else own if np.ptp(before) <= close else None
+
+
 @dataclass(frozen=True)
 class ColumnMap:
     """Where a signal is found in a file, and how it is converted to SI units.
@@ -187,7 +218,7 @@ class ColumnMap:
     reset: bool = False
     missing: tuple[float, ...] | None = None
     kind: Literal["instant", "mean"] = "instant"
-    stamp: Literal["beginning", "end"] = "end"
+    stamp: Stamp = "end"
 
     def convert(self, values: FloatArray, column: str, expected: str) -> FloatArray:
         """Convert raw values of a ``column`` to the unit ``expected``, or to SI if empty.
@@ -322,6 +353,11 @@ class Layout:
     def measured(self) -> list[str]:
         """Names of outputs."""
         return [quantity.name for quantity in self.outputs]
+
+    @property
+    def words(self) -> dict[str, Mapping[str, float]]:
+        """Words for values of each signal."""
+        return {quantity.name: quantity.words for quantity in (*self.inputs, *self.outputs)}
 
     @property
     def called(self) -> dict[str, str]:

@@ -16,9 +16,9 @@ from pathlib import Path
 import numpy as np
 
 from aero_bayes.arrays import FloatArray
-from aero_bayes.data.cells import seconds
+from aero_bayes.data.cells import instants
 from aero_bayes.data.table import Table, is_time_name
-from aero_bayes.data.tables import missing_extra
+from aero_bayes.data.tables import read_by
 from aero_bayes.errors import InputError
 
 #: Group, name, unit, times and values.
@@ -38,19 +38,7 @@ def log_table(path: Path) -> Table | None:
         head = file.read(64).removeprefix(b"\xef\xbb\xbf")
     forms = ((rb"MDF     |UnFinMF ", _mdf, "mdf"), (rb"TDSm", _tdms, "tdms"),
              (rb"LabVIEW Measurement", _lvm, ""), (rb"#1\s*\n", _modelica_table, ""))  # fmt: skip
-    for begin, read, extra in forms:
-        if not re.match(begin, head):
-            continue
-        try:
-            return read(path)
-        except ImportError:
-            raise missing_extra(path, extra) from None
-        except InputError:
-            raise
-        except Exception as error:
-            reason = f"{error}".partition("\n")[0] or type(error).__name__
-            raise InputError(f"{path}: cannot be read: {reason}") from None
-    return None
+    return next((read_by(read, path, extra) for begin, read, extra in forms if re.match(begin, head)), None)
 
 
 def _named(path: Path, found: list[Signal]) -> Table:
@@ -102,7 +90,7 @@ def _tdms(path: Path) -> Table:
             if "wf_increment" in channel.properties:
                 times = np.asarray(channel.time_track(), dtype=float)
             elif len(timed) == 1 and len(timed[0]) == values.size:
-                times = seconds(np.asarray(timed[0][:]))
+                times = instants(np.asarray(timed[0][:]))[0]
             else:
                 raise InputError(
                     f"{path}: signal {channel.name} has no times: neither wf_increment nor one channel of its group "

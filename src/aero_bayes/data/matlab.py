@@ -61,8 +61,6 @@ def matlab_table(path: Path) -> Table | None:
             f"{path}: {size / 2**20:,.1f} MiB need about {6 * size / 2**20:,.0f} MiB of memory, "
             f"{free / 2**20:,.0f} MiB are free: write it as CSV, thin it, or run on a larger machine"
         )
-    if is_hdf5 and importlib.util.find_spec("h5py") is None:
-        raise InputError(f"{path}: is a MATLAB 7.3 file, which needs h5py: pip install h5py (or save it with -v7)")
     answer = _read(path, free)
     vectors: dict[str, FloatArray] = answer["vectors"]
     clocks = dict.fromkeys(list(vectors)[1:], "time") if answer["result"] else _clocks(list(vectors))

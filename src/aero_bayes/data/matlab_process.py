@@ -12,6 +12,7 @@ import sys
 import warnings
 from collections.abc import Mapping
 from contextlib import suppress
+from itertools import zip_longest
 from pathlib import Path
 from typing import Any
 
@@ -52,7 +53,12 @@ def _variables(path: Path, opaque: list[str]) -> dict[str, Any]:
     with path.open("rb") as file:
         head = file.read(520)
     if head.startswith(HDF5) or head[512:520] == HDF5:
-        return _variables_hdf5(path, opaque) | _objects(path, opaque)
+        import h5py
+
+        with h5py.File(path, "r") as file:
+            items = ((name, item) for name, item in file.items() if not name.startswith("#"))
+            found = {name: _from_hdf5(name, item, file, opaque) for name, item in items}
+        return found | _objects(path, opaque)
     from scipy.io import loadmat
 
     content = loadmat(path, simplify_cells=True)
@@ -113,8 +119,7 @@ def _trajectories(variables: Mapping[str, Any]) -> dict[str, FloatArray]:
     info, data = np.asarray(variables["dataInfo"]), np.atleast_2d(np.asarray(variables["data_2"], dtype=float))
     names = [str(name) for name in variables["name"]]
     if transposed:
-        width = max(len(name) for name in names)
-        names = ["".join(name[k] for name in names if k < len(name)) for k in range(width)]
+        names = ["".join(letters) for letters in zip_longest(*names, fillvalue="")]
     else:
         info, data = info.T, data.T
     time = data[0]
@@ -124,13 +129,6 @@ def _trajectories(variables: Mapping[str, Any]) -> dict[str, FloatArray]:
         if int(matrix) == 2 and abs(int(row)) > 1 and name:
             found[name] = np.ascontiguousarray(np.sign(row) * data[abs(int(row)) - 1][last])
     return found
-
-
-def _variables_hdf5(path: Path, opaque: list[str]) -> dict[str, Any]:
-    import h5py
-
-    with h5py.File(path, "r") as file:
-        return {name: _from_hdf5(name, item, file, opaque) for name, item in file.items() if not name.startswith("#")}
 
 
 def _from_hdf5(name: str, item: Any, file: Any, opaque: list[str]) -> Any:
@@ -175,13 +173,11 @@ def _signals(signals: Any) -> list[tuple[str, Any]]:
         values, labels = signals.get("values"), signals.get("label", "")
         if isinstance(values, list):
             names = labels if isinstance(labels, list) else [labels] * len(values)
-            return [(_text(label), value) for label, value in zip(names, values, strict=False)]
-        signals = [signals]
-    return [(_text(one.get("label")), one.get("values")) for one in signals if isinstance(one, Mapping)]
-
-
-def _text(label: Any) -> str:
-    return label.strip() if isinstance(label, str) else ""
+            signals = [{"label": label, "values": own} for label, own in zip(names, values, strict=False)]
+        else:
+            signals = [signals]
+    found = [one for one in signals if isinstance(one, Mapping)]
+    return [(label.strip() if isinstance(label := one.get("label"), str) else "", one.get("values")) for one in found]
 
 
 def _flatten_array(name: str, value: Any, vectors: dict[str, FloatArray]) -> None:

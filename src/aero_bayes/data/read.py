@@ -11,28 +11,24 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from aero_bayes.arguments import names_of, paths_of, require_type, shown
 from aero_bayes.arrays import FloatArray
 from aero_bayes.data.cells import is_newest_first, plain_seconds
 from aero_bayes.data.checks import MIN_SAMPLES, check_recording
-from aero_bayes.data.columns import ColumnMap, Layout, split_unit
+from aero_bayes.data.columns import ColumnMap, Layout, Rows, split_unit
 from aero_bayes.data.logs import log_table
 from aero_bayes.data.matlab import matlab_table
-from aero_bayes.data.means import with_means
-from aero_bayes.data.recording import Recording
+from aero_bayes.data.recording import Recording, with_means
 from aero_bayes.data.screen import from_first_message, hide, with_counters, with_steady_clock
-from aero_bayes.data.table import Notes, Table, column_called, joined, read_signals, without_repeats
-from aero_bayes.data.tables import frame_table, text_table
+from aero_bayes.data.table import Signals, Table, column_called, joined, read_signals, without_repeats
+from aero_bayes.data.tables import TextFile, frame_table
 from aero_bayes.errors import InputError
 from aero_bayes.files import whole_file
 from aero_bayes.modelica.units import conversion, to_modelica_unit
 from aero_bayes.unknown_names import known_names_hint, no_such_file
 
 if TYPE_CHECKING:
-    import pandas
-
     from aero_bayes.simulation.model import Model
 
 #: Suffixes of the files of a folder that are looked at.
@@ -42,7 +38,7 @@ SUFFIXES = (".csv", ".txt", ".dat", ".tsv", ".mat", ".xlsx", ".parquet", ".feath
 def open_table(path: Path) -> Table:
     """Open a file of any form, which its content tells."""
     try:
-        return matlab_table(path) or log_table(path) or frame_table(path) or text_table(path)
+        return matlab_table(path) or log_table(path) or frame_table(path) or TextFile(path).table
     except PermissionError:
         raise InputError(f"{path}: may not be read (permission denied)") from None
 
@@ -123,7 +119,7 @@ def read_recording(
     layout = layout or Layout.of(inputs, outputs, units, model=model)
     layout = replace(layout, maps={**layout.maps, **maps})
     name, files = _run(paths_of(path, "path"), layout)
-    return _recording(name, files, *_read(files, layout), layout)
+    return _recording(name, files, _read(files, layout), layout)
 
 
 def read_recordings(
@@ -142,8 +138,8 @@ def read_recordings(
     found: list[Recording] = []
     for given in _runs([Path(p) for p in paths], layout):
         name, files = _run(given, layout)
-        frame, notes = _read(files, layout, batch)
-        batches = _batches(frame, notes, batch if len(files) == 1 else None)
+        signals = _read(files, layout, batch)
+        batches = _batches(signals, batch if len(files) == 1 else None)
         short = [label for label, rows in batches.items() if label and rows.size < MIN_SAMPLES]
         if len(short) == len(batches):
             raise InputError(
@@ -158,20 +154,20 @@ def read_recordings(
             told.append(f"{name}: {', '.join(short)} with fewer than {MIN_SAMPLES} rows are left out")
         for label, rows in batches.items():
             if label not in short:
-                run = f"{name} {label}" if label else name
-                found.append(_recording(run, files, frame.iloc[rows], notes, layout))
+                part = replace(signals, frame=signals.frame.iloc[rows])
+                found.append(_recording(f"{name} {label}" if label else name, files, part, layout))
         found[-1] = replace(found[-1], notes=(*found[-1].notes, *told))
     return tuple(found)
 
 
-def _batches(frame: pandas.DataFrame, notes: Notes, batch: str | None) -> dict[str, NDArray[np.intp]]:
+def _batches(signals: Signals, batch: str | None) -> dict[str, Rows]:
     """Return the rows of each run in a table, by its label; one without a label if there are not several."""
     if batch is not None:
-        if notes.batch is None:
+        if signals.batch is None:
             raise InputError(f"[data] batch = {batch!r} needs a table with one time for all of its signals")
-        labels = notes.batch[frame.index].to_numpy()
+        labels = signals.batch[signals.frame.index].to_numpy()
         return {str(label): np.flatnonzero(labels == label) for label in dict.fromkeys(labels.tolist())}
-    time = frame["time"].to_numpy()
+    time = signals.frame["time"].to_numpy()
     starts = np.flatnonzero(np.diff(time) < 0.0) + 1
     edges = [0, *starts.tolist(), time.size]
     usual = float(np.median(np.diff(time))) if time.size > 1 else 0.0
@@ -223,36 +219,38 @@ def _run(files: Sequence[Path], layout: Layout) -> tuple[str, list[Path]]:
     return files[0].name, parts
 
 
-def _read(files: Sequence[Path], layout: Layout, batch: str | None = None) -> tuple[pandas.DataFrame, Notes]:
+def _read(files: Sequence[Path], layout: Layout, batch: str | None = None) -> Signals:
     """Read all columns of a run, in their own units; the time in seconds where no unit is given."""
     if len(files) > 1:
         return _joined(files, layout)
     held, measured = layout.held, layout.measured
-    frame, notes = _columns(files[0], [*held, *measured], [*held, *layout.maps], layout, batch)
-    if not any(name in frame for name in measured):
+    wanted = [*held, *(name for name in layout.maps if name != "time")]
+    found = _columns(files[0], [*held, *measured], wanted, layout, batch)
+    if not any(name in found.frame for name in measured):
         missing = ", ".join(layout.called[name] for name in measured)
         there = known_names_hint(layout.called[measured[0]] if measured else "", column_names(files[0]))
         raise InputError(f"{files[0]}: no output column, expected at least one of {missing}{there}")
-    return frame, notes
+    return found
 
 
-def _joined(files: Sequence[Path], layout: Layout) -> tuple[pandas.DataFrame, Notes]:
+def _joined(files: Sequence[Path], layout: Layout) -> Signals:
     """Read each signal from the file that has it, at the times of all."""
     pairs: dict[str, tuple[FloatArray, FloatArray]] = {}
     named: dict[str, str] = {}
     told, sums, begin = [], [], None
     for file in files:
         own = _signals_in(file, layout)
-        frame, notes = _columns(file, own, own, layout)
-        begin = notes.origin if begin is None else begin
-        time = frame["time"].to_numpy() + (notes.origin - begin)
+        found = _columns(file, own, own, layout)
+        begin = found.origin if begin is None else begin
+        time = found.frame["time"].to_numpy() + (found.origin - begin)
         for name in own:
             if name in pairs:
                 raise InputError(f"{file}: has {name}, as another file of its run has; expected one only")
-            pairs[name] = time, np.where(frame.index.isin(notes.bad.get(name, [])), np.nan, frame[name])
-        named |= dict(notes.called)
-        told += [f"{', '.join(own)} from {file.name}", *notes.told]
-        sums.append(notes.sha256)
+            marked = found.frame.index.isin(found.bad.get(name, []))
+            pairs[name] = time, np.where(marked, np.nan, found.frame[name])
+        named |= dict(found.called)
+        told += [f"{', '.join(own)} from {file.name}", *found.told]
+        sums.append(found.sha256)
     lacking = [name for name in layout.held if name not in pairs]
     lacking += [] if set(pairs) & set(layout.measured) else layout.measured
     if lacking:
@@ -264,36 +262,35 @@ def _joined(files: Sequence[Path], layout: Layout) -> tuple[pandas.DataFrame, No
             "count time from one instant"
         )
     sha256 = hashlib.sha256("".join(sums).encode()).hexdigest()
-    return joined(pairs, layout.held), Notes(sha256, named, (f"joined on time: {'; '.join(told)}",))
+    return Signals(joined(pairs, layout.held), named, (f"joined on time: {'; '.join(told)}",), sha256=sha256)
 
 
 def _columns(
     file: Path, names: Sequence[str], wanted: Sequence[str], layout: Layout, batch: str | None = None
-) -> tuple[pandas.DataFrame, Notes]:
+) -> Signals:
     """Read the time and some columns, of which the file must have those that are ``wanted``."""
     if not file.is_file():
         raise InputError(f"{file}: is not a file")
-    asked = {name: layout.called[name] for name in ("time", *names)}
-    words = {quantity.name: quantity.words for quantity in (*layout.inputs, *layout.outputs)}
-    frame, notes = read_signals(open_table(file), asked, ["time", *wanted], layout.held, batch, words)
+    found = read_signals(open_table(file), layout, names, wanted, batch)
+    frame, told, origin = found.frame, found.told, found.origin
     if is_newest_first(frame["time"].to_numpy()):
         frame = frame.iloc[::-1]
-        notes = replace(
-            notes, told=(*notes.told, f"{file.name}: the newest row stands first; read in the order of time")
-        )
+        told = (*told, f"{file.name}: the newest row stands first; read in the order of time")
     frame = without_repeats(frame, layout.held)
     if layout.maps.get("time", ColumnMap("time")).unit is None:
-        time, origin = plain_seconds(frame["time"].to_numpy())
-        frame, notes = frame.assign(time=time), replace(notes, origin=notes.origin + origin)
-    return frame, notes
+        time, begin = plain_seconds(frame["time"].to_numpy())
+        frame, origin = frame.assign(time=time), origin + begin
+    with file.open("rb") as content:
+        sha256 = hashlib.file_digest(content, "sha256").hexdigest()
+    return replace(found, frame=frame, told=told, origin=origin, sha256=sha256)
 
 
-def _recording(name: str, files: Sequence[Path], frame: pandas.DataFrame, notes: Notes, layout: Layout) -> Recording:
+def _recording(name: str, files: Sequence[Path], found: Signals, layout: Layout) -> Recording:
     """Return the checked recording of what a file gave, in the units of the layout."""
-    maps, rows = layout.maps, frame.index.to_numpy()
+    frame, maps, rows = found.frame, layout.maps, found.frame.index.to_numpy()
     missing = {n: column.missing for n, column in maps.items()}
     raw = {n: np.where(np.isin(frame[n], missing.get(n) or ()), np.nan, frame[n]) for n in frame}
-    values = {n: _map_of(n, layout, notes).convert(column, n, layout.units[n]) for n, column in raw.items()}
+    values = {n: _map_of(n, layout, found).convert(column, n, layout.units[n]) for n, column in raw.items()}
     first = 1 if not rows.size else -int(rows[0]) if rows[0] > rows[-1] else int(rows[0])
     recording = Recording(
         name=name,
@@ -302,13 +299,13 @@ def _recording(name: str, files: Sequence[Path], frame: pandas.DataFrame, notes:
         | {n: values[n] for n in layout.held},
         outputs={n: values[n] for n in layout.measured if n in values},
         units={n: unit for n, unit in layout.units.items() if n in values},
-        sha256=notes.sha256,
+        sha256=found.sha256,
         path=files[0] if len(files) == 1 and files[0].is_file() else None,
         first_row=first,
-        notes=(*notes.told, *_doubts(layout, notes)),
+        notes=(*found.told, *_doubts(layout, found)),
     )
     recording = with_steady_clock(recording)
-    for n, marked in notes.bad.items():
+    for n, marked in found.bad.items():
         if (bad := frame.index.isin(marked)).any():
             what = f"{int(bad.sum())} readings of {n} are marked as bad in its quality column."
             recording = hide(recording, n, bad, "quality", what)
@@ -317,28 +314,28 @@ def _recording(name: str, files: Sequence[Path], frame: pandas.DataFrame, notes:
     own = {n: v for n, v in raw.items() if n != "time" and missing.get(n) is None}
     recording = from_first_message(recording, own, [n for n in layout.held if missing.get(n)])
     begin = abs(recording.first_row - first)
-    check_recording(recording, layout, lambda row: f"{notes.row} {rows[row + begin]}")
+    check_recording(recording, layout, lambda row: f"{found.row} {rows[row + begin]}")
     return with_means(recording, {n: maps[n].stamp for n in values if n in maps and maps[n].kind == "mean"})
 
 
-def _doubts(layout: Layout, notes: Notes) -> list[str]:
+def _doubts(layout: Layout, found: Signals) -> list[str]:
     """Ask about columns whose header has another unit than they are read in: that is given, or the model's."""
-    found = []
-    for name, header in notes.called.items():
-        column = _map_of(name, layout, notes)
+    doubts = []
+    for name, header in found.called.items():
+        column = _map_of(name, layout, found)
         told, given = split_unit(header)[1], to_modelica_unit(column.unit or layout.units.get(name, ""))
         known = conversion(told, given) if told and given and told != given else None
-        plain = (column.scale, column.offset) == (1.0, 0.0) and not (name == "time" and notes.origin)
+        plain = (column.scale, column.offset) == (1.0, 0.0) and not (name == "time" and found.origin)
         if plain and known not in (None, (1.0, 0.0)):
-            found.append(f"{name} is read in {given}, but its header says {told}: which of them is right?")
-    return found
+            doubts.append(f"{name} is read in {given}, but its header says {told}: which of them is right?")
+    return doubts
 
 
-def _map_of(name: str, layout: Layout, notes: Notes) -> ColumnMap:
+def _map_of(name: str, layout: Layout, found: Signals) -> ColumnMap:
     """Return how a column is read: in the unit in its name where it is asked for without that."""
     column = layout.maps.get(name, ColumnMap(name))
-    called = re.fullmatch(r".*? \[(.*)\]", notes.called.get(name, ""))
-    asked = column.unit is None and called and notes.called[name] != column.source
+    called = re.fullmatch(r".*? \[(.*)\]", found.called.get(name, ""))
+    asked = column.unit is None and called and found.called[name] != column.source
     return replace(column, unit=called[1]) if asked and called else column
 
 

@@ -6,16 +6,16 @@ import hashlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from aero_bayes.arguments import names_of
 from aero_bayes.arrays import FloatArray
-from aero_bayes.data.cells import is_newest_first, numbers, seconds
+from aero_bayes.data.cells import instants, is_newest_first, numbers
 from aero_bayes.data.checks import check_recording
-from aero_bayes.data.columns import ColumnMap
+from aero_bayes.data.columns import ColumnMap, Stamp
 from aero_bayes.data.find_table import DataFinding
 from aero_bayes.data.table import is_time_name
 from aero_bayes.display import table_html
@@ -78,9 +78,8 @@ class Recording:
     (2001, 40.0, 50, 0.02)
     >>> recording.measured(("position",)).shape
     (2001, 1)
-    >>> early, late = recording.split(0.7)
-    >>> early.rows, late.rows, recording.slice(10.0, 20.0).rows
-    (1400, 601, 500)
+    >>> recording.slice(10.0, 20.0).rows
+    500
     >>> int(np.isfinite(recording.without(after=30.0).outputs["position"]).sum())
     1500
     >>> recording.rows_where(recording.time >= 20.0, "late").rows
@@ -103,12 +102,12 @@ class Recording:
     cuts: tuple[int, ...] = ()
     notes: tuple[str, ...] = ()
     known: Mapping[str, float] = field(default_factory=dict)
-    means: Mapping[str, Literal["beginning", "end"]] = field(default_factory=dict)
+    means: Mapping[str, Stamp] = field(default_factory=dict)
     mended: bool = False
 
     def __post_init__(self) -> None:
         dates = np.asarray(self.time).dtype.kind in "mM"
-        object.__setattr__(self, "time", seconds(self.time) if dates else numbers(self.time, self.name))
+        object.__setattr__(self, "time", instants(self.time)[0] if dates else numbers(self.time, self.name))
         for role in ("inputs", "outputs"):
             columns = {c: numbers(values, self.name, c) for c, values in getattr(self, role).items()}
             object.__setattr__(self, role, columns)
@@ -175,7 +174,7 @@ class Recording:
                 f"frame: no column time, and its index only numbers the rows (columns: "
                 f'{", ".join(map(str, frame.columns))}); give its times, as by frame.set_index("{timed}")'
             )
-        time = seconds(frame["time"] if "time" in frame.columns else frame.index)
+        time, _ = instants(frame["time"] if "time" in frame.columns else frame.index)
         if (unit := (units or {}).get("time", "s")) != "s":
             time = ColumnMap("time", unit).convert(time, "time", "s")
         if is_newest_first(time):
@@ -222,21 +221,6 @@ class Recording:
                 f"(it runs from {self.time[0]:g} s to {self.time[-1]:g} s)"
             )
         return self.rows_where(keep, f"{self.name} [{start:g} s, {stop:g} s)")
-
-    def split(self, fraction: float) -> tuple[Recording, Recording]:
-        """Return the first ``fraction`` of the time and the rest, for a fit and its test.
-
-        Raises InputError outside (0, 1).
-        """
-        if not 0.0 < fraction < 1.0:
-            raise InputError(f"{self.name}: cannot split at a fraction of {fraction:g}, expected between 0 and 1")
-        first = self.time < self.time[0] + fraction * self.duration
-        if first.sum() < 2 or (~first).sum() < 2:
-            raise InputError(f"{self.name}: {self.rows} samples are too few to split at a fraction of {fraction:g}")
-        return (
-            self.rows_where(first, f"{self.name} (first {fraction:.0%})"),
-            self.rows_where(~first, f"{self.name} (last {1.0 - fraction:.0%})"),
-        )
 
     def without(self, *, after: float) -> Recording:
         """Return the same samples with every output reading from ``after`` (s) on taken out.
@@ -408,3 +392,19 @@ def _was_at_rest(recording: Recording, zero_at_rest: Sequence[str]) -> bool:
     values = next((recording.outputs[name] for name in zero_at_rest if name in recording.outputs), np.empty(0))
     seen, first = (np.abs(part[np.isfinite(part)]) for part in (values, values[:3]))
     return not (first.size and first.min() > SHARE_AT_REST * seen.max())
+
+
+def with_means(recording: Recording, stamps: Mapping[str, Stamp]) -> Recording:
+    """Return the recording with some columns as means over the interval that begins or ends at their time.
+
+    An input is moved to where its interval begins, from where it holds. Of an output, the mean is lost whose interval
+    reaches beyond the recording."""
+    inputs, outputs, means = dict(recording.inputs), dict(recording.outputs), dict(recording.means)
+    for name, stamp in stamps.items():
+        if name in inputs and stamp == "end":
+            inputs[name] = np.concatenate([inputs[name][1:], inputs[name][-1:]])
+        elif name in outputs:
+            means[name] = stamp
+            outputs[name] = outputs[name].copy()
+            outputs[name][0 if stamp == "end" else -1] = np.nan
+    return replace(recording, inputs=inputs, outputs=outputs, means=means, sha256="") if stamps else recording

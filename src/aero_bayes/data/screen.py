@@ -17,13 +17,13 @@ from aero_bayes.data.columns import (
     Mask,
     Rows,
     after_changes,
+    counter_falls,
     gap_rows,
     noise_size,
     runs,
     typical_step,
     wrapped_rows,
 )
-from aero_bayes.data.counters import counter_falls
 from aero_bayes.data.find_table import DataFinding, FindingKind, runs_of, told_numbers
 from aero_bayes.data.held import held_period
 from aero_bayes.data.noise import quantisation_step
@@ -72,15 +72,6 @@ def sentinels(values: FloatArray, inputs: Mapping[str, FloatArray]) -> dict[floa
             left = left & ~rows
             likely = _likely(values[left])
     return found
-
-
-def impossible_inputs(values: FloatArray) -> dict[float, Mask]:
-    """Mark rows of an input at known constants that are farther outside of its other values than these range."""
-    none = np.zeros(values.size, dtype=bool)
-    constant = _farthest_outside(values, np.isfinite(values), none)
-    if constant is None or constant not in KNOWN_CONSTANTS or constant == 0.0:
-        return {}
-    return {constant: values == constant}
 
 
 def _farthest_outside(values: FloatArray, left: Mask, near: Mask) -> float | None:
@@ -347,9 +338,11 @@ def _numbers(recording: Recording, rows: Rows) -> str:
 
 
 def _with_possible_inputs(recording: Recording) -> Recording:
-    """Return the recording with inputs held where the logger wrote a constant that is no value of them."""
+    """Return the recording with inputs held where the logger wrote a known constant that is impossible."""
     for name, values in recording.inputs.items():
-        for constant, rows in impossible_inputs(values).items():
+        constant = _farthest_outside(values, np.isfinite(values), np.zeros(values.size, dtype=bool))
+        if constant in KNOWN_CONSTANTS - {0.0}:
+            rows = values == constant
             what = f"{int(rows.sum())} values of the input {name} are exactly {constant:.7g}"
             what = f"{with_unit(what, recording.units.get(name, ''))}, which is impossible."
             recording = _held_between(recording, name, ~rows)

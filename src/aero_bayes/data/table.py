@@ -2,25 +2,23 @@
 
 from __future__ import annotations
 
-import hashlib
 import re
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from aero_bayes.arrays import FloatArray
 from aero_bayes.data.cells import numbers_and_unit, times_in
+from aero_bayes.data.columns import Layout, Mask
 from aero_bayes.errors import InputError
 from aero_bayes.unknown_names import known_names_hint
 
 if TYPE_CHECKING:
     import pandas
 
-Mask = NDArray[np.bool_]
 #: Decimals of a time in s within which two instants are one.
 SAME_INSTANT = 9
 #: What to do about a signal that is not there, unless its file cannot give it.
@@ -101,19 +99,21 @@ class Table:
 
 
 @dataclass(frozen=True)
-class Notes:
-    """Where the columns of a recording come from: a file's hash, what it calls them, which may end in a unit, its rows.
+class Signals:
+    """Columns of a recording as they stand in its file, at one time; the index of the frame has the rows there.
 
-    ``bad`` has the rows of outputs that the file calls bad, ``batch`` the name of each row's run; ``origin`` is what
-    was taken off the times, in s; ``told`` says what of the file was not read."""
+    ``called`` is what the file calls them, which may end in a unit. ``bad`` has the rows of outputs that the file calls
+    bad, ``batch`` the name of each row's run; ``origin`` is what was taken off the times, in s; ``told`` says what of
+    the file was not read."""
 
-    sha256: str
+    frame: pandas.DataFrame
     called: Mapping[str, str]
     told: tuple[str, ...] = ()
     row: str = "sample"
     bad: Mapping[str, pandas.Index] = field(default_factory=dict)
     origin: float = 0.0
     batch: pandas.Series | None = None
+    sha256: str = ""
 
 
 def column_called(source: str, names: Iterable[str]) -> str | None:
@@ -133,31 +133,23 @@ def column_called(source: str, names: Iterable[str]) -> str | None:
 
 
 def read_signals(
-    table: Table,
-    asked: Mapping[str, str],
-    wanted: Collection[str],
-    held: Collection[str],
-    batch: str | None,
-    words: Mapping[str, Mapping[str, float]],
-) -> tuple[pandas.DataFrame, Notes]:
-    """Read the signals that a recording asks for, at one time: what the file calls each, and which it must have.
+    table: Table, layout: Layout, names: Sequence[str], wanted: Collection[str], batch: str | None = None
+) -> Signals:
+    """Read signals of a recording at one time, of which the file must have those that are ``wanted``.
 
-    ``held`` are the inputs, ``batch`` is the column that names the run of each row, and ``words`` has the words that
-    stand for values of a signal. The index of the frame numbers the rows of the file."""
+    ``batch`` is the column that names the run of each row."""
     import pandas
 
-    with table.path.open("rb") as file:
-        sha256 = hashlib.file_digest(file, "sha256").hexdigest()
+    asked, held = {name: layout.called[name] for name in ("time", *names)}, layout.held
     labels = [] if batch is None else [table.column(batch)]
     rows = _in_rows(table, asked)
     if rows is not None:
-        frame, notes = _of_rows(table, asked, wanted, held, (*rows, *labels), words)
-        return frame, replace(notes, sha256=sha256)
+        return _of_rows(table, asked, wanted, layout, (*rows, *labels))
     named = {n: c for n, name in asked.items() if (c := column_called(name, table.names)) is not None}
     if twice := next((c for c in named.values() if table.names.count(c) > 1), None):
         raise InputError(f"{table.where}: column {twice} appears {table.names.count(twice)} times, expected once")
     clocks = _clocks(table, named)
-    if missing := next((n for n in wanted if n not in named and not (n == "time" and clocks)), None):
+    if missing := next((n for n in ("time", *wanted) if n not in named and not (n == "time" and clocks)), None):
         raise table.no_column(asked[missing])
     about = _quality_columns(table.names, {n: c for n, c in named.items() if n not in held and n != "time"})
     table = table.read([*named.values(), *clocks.values(), *about, *labels])
@@ -169,7 +161,7 @@ def read_signals(
     cells = {n: columns[c] for n, c in named.items() if n != "time"}
     # a cell that is marked as bad may hold a word
     cells |= {n: cells[n].astype(object).mask(marked, None) for n, marked in bad.items() if cells[n].dtype.kind == "O"}
-    read = {n: numbers_and_unit(column, where, asked[n], words.get(n)) for n, column in cells.items()}
+    read = {n: numbers_and_unit(column, where, asked[n], layout.words[n]) for n, column in cells.items()}
     values = {n: numbers for n, (numbers, _) in read.items()}
     named |= {n: _with_unit(named[n], unit) for n, (_, unit) in read.items() if unit}
     if clocks and table.clocks:
@@ -186,7 +178,7 @@ def read_signals(
             frame["time"], origin = times_in(timed, where, asked["time"])
             marks = {n: timed.index[marked] for n, marked in bad.items()}
             run = columns[labels[0]].map(_label) if labels else None
-            return frame, Notes(sha256, named, table.notes, table.row, marks, origin, run)
+            return Signals(frame, named, table.notes, table.row, marks, origin, run)
         clocks = dict.fromkeys(values, named["time"])
     times = {clock: times_in(columns[clock].dropna(), where, clock) for clock in dict.fromkeys(clocks.values())}
     begin, pairs = min(origin for _, origin in times.values()), {}
@@ -194,7 +186,7 @@ def read_signals(
         time, origin = times[clock]
         seen = np.where(bad.get(n, False), np.nan, values[n])[columns[clock].notna()]
         pairs[n] = time + (origin - begin), seen
-    return joined(pairs, held), Notes(sha256, named, table.notes, origin=begin)
+    return Signals(joined(pairs, held), named, table.notes, origin=begin)
 
 
 def _with_unit(called: str, unit: str) -> str:
@@ -270,13 +262,8 @@ def _is_numeric(column: pandas.Series) -> bool:
 
 
 def _of_rows(
-    table: Table,
-    asked: Mapping[str, str],
-    wanted: Collection[str],
-    held: Collection[str],
-    columns: Sequence[str],
-    words: Mapping[str, Mapping[str, float]],
-) -> tuple[pandas.DataFrame, Notes]:
+    table: Table, asked: Mapping[str, str], wanted: Collection[str], layout: Layout, columns: Sequence[str]
+) -> Signals:
     """Read signals from a table with one reading a row, at the union of their times.
 
     ``columns`` has their names, times and values, and labels of runs if there are any."""
@@ -299,19 +286,19 @@ def _of_rows(
                 raise InputError(f"{table.path}: no reading of {called} in column {columns[0]}"
                                  f"{known_names_hint(called, sorted(set(whose)))}")  # fmt: skip
             own = own[np.argsort(time[own], kind="stable")]
-            values, units[name] = numbers_and_unit(valued.iloc[own], where, called, words.get(name))
+            values, units[name] = numbers_and_unit(valued.iloc[own], where, called, layout.words[name])
             twice = np.flatnonzero((np.diff(time[own]) == 0.0) & (np.diff(values) != 0.0))
             if twice.size:
                 told = f"{where} {valued.index[own[twice[0] + 1]]}: a second reading of {called} for one time; if the "
                 raise InputError(f"{told}table holds several runs, make a recording of each",
                                  f"{told}table holds several runs, name their column in [data] batch")  # fmt: skip
             pairs[name] = (time[own], values)
-        parts[run] = joined(pairs, held)
+        parts[run] = joined(pairs, layout.held)
     frame = _numbered(pandas.concat(parts.values()).dropna(axis=1, how="all"))
     labels = np.repeat(list(parts), [len(part) for part in parts.values()])
     named = {n: _with_unit(asked[n], units[n]) if units.get(n) else asked[n] for n in frame if n != "time"}
     batch = pandas.Series(labels, frame.index) if len(columns) > 3 else None
-    return frame, Notes("", named, table.notes, origin=origin, batch=batch)
+    return Signals(frame, named, table.notes, origin=origin, batch=batch)
 
 
 def _numbered(frame: pandas.DataFrame) -> pandas.DataFrame:
@@ -339,8 +326,8 @@ def _quality_columns(names: Sequence[str], signals: Mapping[str, str]) -> dict[s
     about: dict[str, list[str]] = {}
     for name in (n for n in names if n not in signals.values()):
         own = [s for s, column in signals.items() if plain(name) in {plain(column) + q for q in QUALITY_NAMES}]
-        if own or plain(name) in QUALITY_NAMES:
-            about[name] = list(signals) if plain(name) in QUALITY_NAMES else own
+        if own := list(signals) if plain(name) in QUALITY_NAMES else own:
+            about[name] = own
     return about
 
 

@@ -12,12 +12,13 @@ import csv
 import re
 import warnings
 from collections import deque
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 from itertools import islice
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TextIO
+from typing import TYPE_CHECKING, Any, TextIO, TypeVar
 
 import numpy as np
 
@@ -29,6 +30,7 @@ from aero_bayes.errors import InputError
 if TYPE_CHECKING:
     import pandas
 
+Read = TypeVar("Read")
 SEPARATORS = (",", ";", "\t", " ")
 #: Lines in which a table is looked for, the second number if it is not in the first.
 HEAD_LINES = (200, 5000)
@@ -44,12 +46,9 @@ BYTES_PER_VALUE, LEAST_BYTES = 24, 64 << 20
 MOST_TOTALS = 50
 
 
-def text_table(path: Path) -> Table:
-    """Return a table of text. Columns are read when they are asked for, if the memory is enough."""
-    return _TextTable(path).table
+class TextFile:
+    """A table of text. Columns are read when they are asked for, if the memory is enough."""
 
-
-class _TextTable:
     def __init__(self, path: Path) -> None:
         import pandas
 
@@ -203,17 +202,13 @@ def _with_point(cell: str, thousands: bool) -> str:
 
 def free_memory() -> int:
     """Count the bytes that this process may still take: what the system has, and its control group's limit."""
-    try:
+    free = 1 << 30
+    with suppress(OSError, ValueError, StopIteration):
         lines = Path("/proc/meminfo").read_text().splitlines()
         free = next(int(line.split()[1]) * 1024 for line in lines if line.startswith("MemAvailable:"))
-    except (OSError, ValueError, StopIteration):
-        free = 1 << 30
-    try:
-        limit = int(Path("/sys/fs/cgroup/memory.max").read_text())
-        used = int(Path("/sys/fs/cgroup/memory.current").read_text())
+    with suppress(OSError, ValueError):
+        limit, used = (int(Path(f"/sys/fs/cgroup/memory.{name}").read_text()) for name in ("max", "current"))
         free = min(free, max(limit - used, 0))
-    except (OSError, ValueError):
-        pass
     return free
 
 
@@ -244,13 +239,7 @@ def frame_table(path: Path) -> Table | None:
     reader, extra = READERS[suffix]
     # Without its name pandas would ask the file for its engine first.
     options: dict[str, Any] = {"engine": "openpyxl", "header": None, "sheet_name": None} if extra == "excel" else {}
-    try:
-        frame = getattr(pandas, reader)(path, **options)
-    except ImportError:
-        raise missing_extra(path, extra) from None
-    except Exception as error:
-        reason = f"{error}".partition("\n")[0] or type(error).__name__
-        raise InputError(f"{path}: cannot be read as a table: {reason}") from None
+    frame = read_by(partial(getattr(pandas, reader), **options), path, extra, " as a table")
     if extra == "excel":
         return _sheet(path, frame)
     if frame.index.name is not None and frame.index.name not in frame.columns:
@@ -288,12 +277,20 @@ def _sheet(path: Path, sheets: dict[str, pandas.DataFrame]) -> Table:
     raise InputError(f"{path}: no sheet has a row of names above rows of numbers")
 
 
-def missing_extra(path: Path, extra: str) -> InputError:
-    """Return the error for a file whose reader is not installed."""
-    return InputError(
-        f"{path}: reading {path.suffix} files needs a further package: pip install 'aero-bayes[{extra}]', or write the "
-        "signals as CSV"
-    )
+def read_by(reader: Callable[[Path], Read], path: Path, extra: str, kind: str = "") -> Read:
+    """Return what a reader makes of a file; InputError where it is not installed or fails."""
+    try:
+        return reader(path)
+    except ImportError:
+        raise InputError(
+            f"{path}: reading {path.suffix} files needs a further package: pip install 'aero-bayes[{extra}]', or write "
+            "the signals as CSV"
+        ) from None
+    except InputError:
+        raise
+    except Exception as error:
+        reason = f"{error}".partition("\n")[0] or type(error).__name__
+        raise InputError(f"{path}: cannot be read{kind}: {reason}") from None
 
 
 def _text(cell: Any) -> str:

@@ -10,7 +10,8 @@ from functools import partial
 
 import numpy as np
 
-from aero_bayes.data.means import Stamp, with_means
+from aero_bayes.data.columns import Stamp
+from aero_bayes.data.recording import with_means
 from aero_bayes.display import join_names
 from aero_bayes.errors import CannotFinishError, InputError
 from aero_bayes.estimate.calibration import Calibration
