@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import re
-from datetime import datetime, timedelta
 from pathlib import Path
 
 import numpy as np
 import pytest
 from aero_recordings import read_aero
-from facts import facts, refusal
+from facts import refusal
 
-from aero_bayes.data import ColumnMap, Layout
+from aero_bayes.data import ColumnMap
 from aero_bayes.data.read import column_names
 
 pytestmark = pytest.mark.fast
@@ -65,25 +64,14 @@ def test_reads_the_contract(tmp_path: Path) -> None:
         GOOD.replace("time,V_m", '"time","V_m"'),
         "\n".join(line + ("," + ("note" if k == 0 else "some text")) for k, line in enumerate(GOOD.splitlines())),
         "\n".join(",".join(reversed(line.split(","))) for line in GOOD.splitlines()),
-        GOOD.replace(",", ";"),
-        GOOD.replace(",", ";").replace(".", ","),
-        GOOD.replace(",", "\t").replace(".", ","),
-        "# rig 3, after lunch\n% 12; 13\n" + GOOD,
         "# rig 3, after lunch\n# " + GOOD,
         GOOD.replace("\n", "\r"),
-        GOOD.encode("utf-16"),
         GOOD.replace("\n", ",\n", 1),
         GOOD.replace("\n", ",\n"),
-        "Logger;3\nCh;5\n\n" + GOOD,
-        GOOD + "Mean,1,2,3,4\nMin,0,0,0,0\n\nEnd of file\n",
-        GOOD.replace("\n", "\ndouble,float,float,float,float\n", 1),
-        "F\xfcr Pr\xfcfstand 3\n".encode("cp1252") + GOOD.encode(),
     ],
     ids=[
         "crlf", "bom", "no last newline", "blank tail", "blank line", "spaces", "quotes", "text column", "order",
-        "semicolons", "decimal commas", "tabs", "comments", "header as a comment", "carriage returns", "UTF-16",
-        "separator after the last name", "separator after the last cell", "lines above", "totals below", "types",
-        "cp1252",
+        "header as a comment", "carriage returns", "separator after the last name", "separator after the last cell",
     ],
 )  # fmt: skip
 def test_reads_variants_alike(tmp_path: Path, variant: str | bytes) -> None:
@@ -93,41 +81,14 @@ def test_reads_variants_alike(tmp_path: Path, variant: str | bytes) -> None:
         np.testing.assert_array_equal(values, other.outputs[name])
 
 
-@pytest.mark.parametrize("zone", ["", "Z", "+02:00"])
-@pytest.mark.parametrize("mark", ["T", " "])
-def test_dates_count_from_the_first_sample(tmp_path: Path, mark: str, zone: str) -> None:
-    begin = datetime(2026, 10, 25, 1, 59, 59, 900_000)  # clocks go back an hour in much of Europe
-    lines = GOOD.splitlines()
-    for k, line in enumerate(lines[1:]):
-        at = (begin + timedelta(milliseconds=10 * k)).isoformat(mark, "milliseconds")
-        lines[k + 1] = ",".join([at + zone, *line.split(",")[1:]])
-    recording = read_aero(write(tmp_path, "\n".join(lines)))
-    np.testing.assert_allclose(recording.time, np.arange(20) / 100, atol=1e-6)
-    assert recording.rate_hz == pytest.approx(100.0, rel=1e-4)
-    assert recording.outputs["theta"][7] == 0.07
-
-
 def test_a_line_of_units_is_part_of_the_names(tmp_path: Path) -> None:
     units = GOOD.replace("\n", "\ns,V,A,,deg\n", 1)
     path = write(tmp_path, units)
     assert column_names(path) == ["time [s]", "V_m [V]", "i_m [A]", "omega_m", "theta [deg]"]
-    found = read_aero(path)
-    assert (found.rows, found.outputs["theta"][7]) == (20, pytest.approx(np.deg2rad(0.07)))
-    assert re.search(facts("column theta", "V"), complaint(write(tmp_path, units.replace("deg", "V"), "b.csv")))
-    maps = {"time": ColumnMap("time [s]"), "V_m": ColumnMap("V_m [V]"), "theta": ColumnMap("theta [deg]", "deg")}
-    recording = read_aero(path, maps)
-    assert recording.rows == 20
-    assert recording.outputs["theta"][7] == pytest.approx(np.deg2rad(0.07))
-
-
-def test_empty_cells_of_outputs_are_gaps(tmp_path: Path) -> None:
-    lines = GOOD.splitlines()
-    lines[3] = "0.02,0,,,0.02"
-    lines[4] = "0.03,0,0, ,"
-    recording = read_aero(write(tmp_path, "\n".join(lines)))
-    assert np.flatnonzero(np.isnan(recording.outputs["i_m"])).tolist() == [2]
-    assert np.flatnonzero(np.isnan(recording.outputs["omega_m"])).tolist() == [2, 3]
-    assert np.flatnonzero(np.isnan(recording.outputs["theta"])).tolist() == [3]
+    complaint(write(tmp_path, units.replace("deg", "V"), "b.csv"), "column theta", "V")
+    for maps in ({}, {"time": ColumnMap("time [s]"), "theta": ColumnMap("theta [deg]", "deg")}):
+        found = read_aero(path, maps)
+        assert (found.rows, found.outputs["theta"][7]) == (20, pytest.approx(np.deg2rad(0.07)))
 
 
 @pytest.mark.parametrize(
@@ -135,18 +96,17 @@ def test_empty_cells_of_outputs_are_gaps(tmp_path: Path) -> None:
     [
         ("", ["is empty"]),
         ("time,V_m,theta\n", ["holds no table"]),
-        ("time,V_m,theta\n\n\n", ["holds no table"]),
         (GOOD.replace("V_m", "volts"), ["row 1", "no column V_m", "volts"]),
         (GOOD.replace("V_m", "v_m"), ["no column V_m", "did you mean v_m?"]),
         (GOOD.replace("time", "t"), ["no column time"]),
-        (GOOD.replace("i_m", "theta"), ["column theta appears 2 times"]),
         ("time,V_m\n0,1\n1,1\n2,1\n3,1\n", ["no output column", "theta"]),
         (with_cell(9, 2, "abc"), ["row 9", "column i_m", "'abc' is not a number"]),
         (with_cell(9, 1, "1_000"), ["row 9", "column V_m", "not a number"]),
         (with_cell(9, 4, "0x10"), ["row 9", "column theta", "not a number"]),
         (with_cell(9, 1, "nan"), ["row 9", "column V_m", "missing"]),
+        (re.sub(r"(?m)^(0\.1\d),10", r"\1,", GOOD), ["row 12", "column V_m", "10 in a row"]),
+        (re.sub(r"(?m),[\d.]+$", ",", GOOD), ["column theta", "0 readings in 20 rows"]),
         (with_cell(9, 4, "-Inf"), ["row 9", "column theta", "infinite"]),
-        (with_cell(9, 4, "1e999"), ["row 9", "column theta", "infinite"]),
         (with_cell(9, 1, ""), ["row 9", "column V_m", "missing"]),
         (with_cell(9, 0, ""), ["row 9", "column time", "missing"]),
         (with_cell(9, 0, "0.03"), ["row 9", "column time", "runs backwards", "0.03 after 0.06"]),
@@ -155,7 +115,6 @@ def test_empty_cells_of_outputs_are_gaps(tmp_path: Path) -> None:
         (GOOD.replace("0.10,10,0.5,100.0,0.1\n", "0.10,10,0.5,100.0\n"), ["row 12", "4 cells, expected 5"]),
         (GOOD.replace("0.10,10,0.5,100.0,0.1\n", "0.10,10,0,5,100.0,0.1\n"), ["row 12", "6 cells, expected 5"]),
         ("# rig 3\ntime,V_m,theta\n0,1,0\n1,x,0\n", ["row 4", "column V_m", "'x' is not a number"]),
-        ("# rig 3\n", ["holds no table"]),
         ("time,V_m,theta\n2026-13-01 10:00,1,0\n", ["row 2", "column time", "is no date"]),
         ("time,V_m,theta\n10:00 on Monday,1,0\n", ["row 2", "column time", "is not a number", "2026-03-01T10:00"]),
         ("time,V_m,theta\n0,00;1,50;0,1\n", ["row 2", "holds numbers", "expected a header"]),
@@ -171,16 +130,6 @@ def test_empty_cells_of_outputs_are_gaps(tmp_path: Path) -> None:
 )
 def test_complaints(tmp_path: Path, text: str | bytes, parts: list[str]) -> None:
     complaint(write(tmp_path, text), *parts)
-
-
-def test_blocks_of_missing_values(tmp_path: Path) -> None:
-    lines = GOOD.splitlines()
-    blank = [",".join([*line.split(",")[:1], "", *line.split(",")[2:]]) for line in lines]
-    said = complaint(write(tmp_path, "\n".join(lines[:5] + blank[5:15] + lines[15:])))
-    assert re.search(facts("row 6", "column V_m", "10"), said)
-    hollow = [line.rsplit(",", 1)[0] + "," for line in lines]
-    said = complaint(write(tmp_path, "\n".join(lines[:1] + hollow[1:])))
-    assert re.search(facts("column theta", "0", "20"), said)
 
 
 def test_units_wrong_by_a_thousand(tmp_path: Path) -> None:
@@ -242,17 +191,9 @@ def test_missing_file_and_directory(tmp_path: Path) -> None:
     complaint(tmp_path, "no file has a column of V_m")
 
 
-def test_another_layout_and_an_output_that_is_missing(tmp_path: Path) -> None:
-    path = write(tmp_path, "time,u,y\n" + "\n".join(f"{k},{k},{1e6 * k}" for k in range(10)))
-    recording = read_aero(path, layout=Layout.of(["u"], ["y", "z"], {"y": "Pa"}))
-    assert list(recording.outputs) == ["y"]
-    assert recording.units["y"] == "Pa"
-
-
 def test_too_little_memory_names_the_size(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("aero_bayes.data.tables.free_memory", lambda: 1000)
-    message = complaint(write(tmp_path, GOOD))
-    assert re.search(facts("20", "5", "MiB"), message)
+    complaint(write(tmp_path, GOOD), "20 rows of 5 columns", "MiB")
 
 
 def test_memory_grows_with_the_table_only(tmp_path: Path) -> None:

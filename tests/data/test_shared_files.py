@@ -87,18 +87,6 @@ def test_36_counted_lines_above_the_names(case: Path) -> None:
     assert fitted(case, "rig.toml", "clean.mpt")["parameters"]["C1"]["value"] == result["parameters"]["C1"]["value"]
 
 
-@pytest.mark.parametrize("case", ["06_historian_words"], indirect=True)
-@pytest.mark.parametrize(
-    ("data", "words"), [("run.csv", "row 52, column T: 'Bad Input'"), ("nan.csv", "row 72, column T_amb")]
-)
-def test_06_words_and_missing_inputs_are_refused_in_a_line(case: Path, data: str, words: str) -> None:
-    done = run("init", case / "../Room.mo", case / data, "--out", case / "new.toml")
-    assert done.exit_code == 2
-    assert words in done.stderr
-    assert len(done.stderr.splitlines()) == 1
-    assert not (case / "new.toml").exists()
-
-
 @pytest.mark.parametrize("case", ["39_known_per_run"], indirect=True)
 def test_39_a_mass_that_is_known_by_run(case: Path) -> None:
     text = (case / "rig.toml").read_text()

@@ -11,7 +11,7 @@ from facts import facts
 from aero_bayes.data import Recording
 from simulated_rigs.aero import Truth, simulate_recording
 from simulated_rigs.designs import equal_steps
-from simulated_rigs.sensors import SensorNoise, real, white
+from simulated_rigs.sensors import SensorNoise, white
 
 pytestmark = pytest.mark.fast
 
@@ -64,8 +64,3 @@ def test_saturated_sensor_is_seen_and_a_resting_encoder_is_not() -> None:
     assert summary.outputs[0].saturated == 0.0
     assert "saturated" in summary.outputs[1].text
     assert made({"theta": SensorNoise(counts=2048)}).summary().outputs[2].saturated == 0.0
-
-
-def test_real_noise_is_described() -> None:
-    text = str(made(real(), rate_hz=1000.0).summary())
-    assert "step 0.003068" in text
