@@ -47,46 +47,41 @@ def test_names_are_right_missed_or_false() -> None:
     assert judged({"key": "other", "error": "stopped"}, known)["verdict"] == "failed"
 
 
-def test_a_claim_of_a_place_or_of_one_of_several_is_no_claim_of_a_law() -> None:
-    known = Expectation(expected=(("coulomb_friction@w",),))
-    place = judged(row("viscous_friction@w", claim="place"), known)
-    assert (place["verdict"], place["false_law"]) == ("place_right", False)
-    wrong = judged(row("viscous_friction@x", claim="place"), known)
-    assert (wrong["verdict"], wrong["false_law"]) == ("false", False)
-    law = judged(row("viscous_friction@w", claim="law"), known)
-    assert (law["verdict"], law["false_law"]) == ("false", True)
-    others = [{"id": "coulomb_friction@w", "port": "w", "error_ratio": 1.01}]
-    assert judged(row("offset@w", claim="one of", alternatives=others), known)["verdict"] == "right"
+SQUARE = Expectation(expected=(("square_law@u",),), place=("curve@u",), fine=("lag@u",))
+FRICTION = Expectation(expected=(("coulomb_friction@w",),))
+#: A law is missing, but its readings are too few to name it; or none is missing.
+FEW, LOUD = (Expectation(expected=(("square_loss@N",),), silence=silence) for silence in (True, False))
+NONE = Expectation(place=("curve@i",), fine=("dead_zone@v",))
+OTHERS = [{"id": "coulomb_friction@w", "port": "w", "error_ratio": 1.01}]
 
 
-@pytest.mark.parametrize(
-    ("named", "verdict"),
-    [
-        (["square_law@u"], "right"),
-        (["square_law@u", "lag@u"], "right"),
-        (["curve@u"], "place_right"),
-        (["lag@u"], "missed"),
-        ([], "missed"),
-        (["square_law@u", "dead_zone@u"], "false"),
-        (["curve@u", "offset@y"], "false"),
-    ],
-)
-def test_the_verdict_tells_a_name_from_a_place(named: list[str], verdict: str) -> None:
-    known = Expectation(expected=(("square_law@u",),), place=("curve@u",), fine=("lag@u",))
-    assert judged(row(*named), known)["verdict"] == verdict
-
-
-def test_silence_is_right_where_no_law_is_missing_or_readings_are_too_few() -> None:
-    few = Expectation(expected=(("square_loss@N",),), silence=True)
-    none = Expectation(place=("curve@i",), fine=("dead_zone@v",))
-    assert [judged(row(), known)["verdict"] for known in (few, none)] == ["silent", "silent"]
-    # A class of which none is named, but which holds the truth.
-    loud = Expectation(expected=few.expected)
-    assert judged(row(equivalent=(("lag@u", "square_loss@N"),)), loud)["verdict"] == "place_right"
-    assert judged(row(equivalent=(("lag@u", "gain@u"),)), loud)["verdict"] == "missed"
-    assert judged(row("curve@i"), none)["verdict"] == "place_right"
-    assert judged(row("dead_zone@v"), none)["verdict"] == "right"
-    assert judged(row("lag@i"), none)["verdict"] == "false"
+@pytest.mark.parametrize(("found", "known", "verdict"), [
+    (row("square_law@u"), SQUARE, "right"),
+    (row("square_law@u", "lag@u"), SQUARE, "right"),
+    (row("curve@u"), SQUARE, "place_right"),
+    (row("lag@u"), SQUARE, "missed"),
+    (row(), SQUARE, "missed"),
+    (row("square_law@u", "dead_zone@u"), SQUARE, "false"),
+    (row("curve@u", "offset@y"), SQUARE, "false"),
+    # a claim of a place, or of one of several laws, is no claim of a law
+    (row("viscous_friction@w", claim="place"), FRICTION, "place_right"),
+    (row("viscous_friction@x", claim="place"), FRICTION, "false"),
+    (row("viscous_friction@w", claim="law"), FRICTION, "false law"),
+    (row("offset@w", claim="one of", alternatives=OTHERS), FRICTION, "right"),
+    (row(), FEW, "silent"),
+    (row(), NONE, "silent"),
+    # a class of which none is named, but which holds the truth
+    (row(equivalent=(("lag@u", "square_loss@N"),)), LOUD, "place_right"),
+    (row(equivalent=(("lag@u", "gain@u"),)), LOUD, "missed"),
+    (row("curve@i"), NONE, "place_right"),
+    (row("dead_zone@v"), NONE, "right"),
+    (row("lag@i"), NONE, "false"),
+])  # fmt: skip
+def test_the_verdict_tells_a_name_from_a_place_and_from_silence(found: Row, known: Expectation, verdict: str) -> None:
+    said = judged(found, known)
+    assert said["verdict"] == verdict.removesuffix(" law")
+    if known is FRICTION:
+        assert said["false_law"] == (verdict == "false law")
 
 
 def test_recordings_of_a_rig_agree_where_classes_overlap_or_one_is_silent() -> None:
