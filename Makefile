@@ -114,8 +114,8 @@ rig-trial: setup ## simulated rigs whose model lacks a law -> reports/rig_trial.
 fault-trial: setup ## complete models, one fault of data, solver or noise -> reports/fault_trial.json (15 minutes a run)
 	$(STUDY)
 
-real-rigs: setup ## the loop on recordings of real rigs in ../shared, each alone, too -> reports/real_rigs.json
-	$(STUDY) --alone
+real-rigs: setup ## the loop on recordings of real rigs in ../shared -> reports/real_rigs.json
+	$(STUDY)
 
 real-trial: setup ## terms deleted from complete models of real rigs -> reports/real_trial.json (15 minutes a run)
 	$(STUDY)

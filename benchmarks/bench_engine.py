@@ -14,7 +14,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from harness import Pair, time_pair, update
+from harness import Pair, Row, time_pair
 
 from aero_bayes.modelica.compilers import export_fmu
 from aero_bayes.simulation.engines import open_simulator
@@ -92,11 +92,9 @@ def pairs(model: Model, folder: Path, stack: ExitStack) -> Iterator[Pair]:
     )  # fmt: skip
 
 
-def run(out: Path, rounds: int) -> None:
-    """Time all pairs and write them to ``out``/bench.json."""
+def measured(rounds: int) -> Iterator[Row]:
+    """Time all pairs."""
     with tempfile.TemporaryDirectory() as name, ExitStack() as stack:
-        folder = Path(name)
-        model = Model.load(export_fmu("Aero.Systems.OneDof", folder / "OneDof.fmu"))
-        for pair in pairs(model, folder, stack):
-            row = time_pair(pair, rounds)
-            update(out / "bench.json", [row], {} if row.error is None else {"max_relative_error": row.error})
+        model = Model.load(export_fmu("Aero.Systems.OneDof", Path(name) / "OneDof.fmu"))
+        for pair in pairs(model, Path(name), stack):
+            yield time_pair(pair, rounds)

@@ -18,7 +18,7 @@ from pathlib import Path
 
 import numpy as np
 from emcee.moves import StretchMove
-from harness import Row, update
+from harness import Row
 from threadpoolctl import threadpool_limits
 
 from aero_bayes.estimate import CalibrationSettings, NoiseModel
@@ -132,9 +132,8 @@ def rows(fit: Fit, evaluations: int) -> Iterator[Row]:
         yield compared("ess_per_s_over_fmpy", "own moves / emcee's stretch move on FMPy", own, stretch, slow)
 
 
-def run(out: Path, rounds: int) -> None:
-    """Measure, and merge each row into ``out``/bench.json as it ends, so that an early end loses the rest alone."""
+def measured(rounds: int) -> Iterator[Row]:
+    """Measure on one core."""
     # As in `sample`: BLAS threads on small matrices wait for each other, without an end in sight on a busy machine.
     with tempfile.TemporaryDirectory() as folder, threadpool_limits(limits=1, user_api="blas"):
-        for row in rows(paper_fit(Path(folder)), max(10, rounds)):
-            update(out / "bench.json", [row])
+        yield from rows(paper_fit(Path(folder)), max(10, rounds))

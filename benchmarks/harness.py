@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import json
-import os
 import statistics
 import sys
 import time
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -67,18 +65,3 @@ def time_pair(pair: Pair, rounds: int) -> Row:
     low, middle, high = statistics.quantiles(ratios, n=4) if rounds > 1 else ratios * 3
     first, second = (statistics.median(found) for found in seconds)
     return Row(pair.key, pair.name, first, second, middle, low, high, pair.error)
-
-
-def update(path: Path, rows: Sequence[Row], keys: Mapping[str, Any] | None = None) -> None:
-    """Print rows and merge them, the ratio of each under its key, and other keys into the JSON report."""
-    for row in rows:
-        print(row.line(), flush=True)
-    report: dict[str, Any] = json.loads(path.read_text()) if path.exists() else {}
-    new = {row.key for row in rows}
-    kept = [row for row in report.get("rows", []) if row["key"] not in new]
-    report.update({row.key: row.ratio for row in rows} | dict(keys or {}))
-    report["rows"] = kept + [asdict(row) for row in rows]
-    path.parent.mkdir(parents=True, exist_ok=True)
-    partial = path.with_suffix(".part")
-    partial.write_text(json.dumps(report, indent=1) + "\n")
-    os.replace(partial, path)

@@ -5,11 +5,6 @@ Its rows are kept, so that a run goes on where it stopped.
 
 from __future__ import annotations
 
-import os
-
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-os.environ.setdefault("OMP_NUM_THREADS", "1")
-
 import argparse
 from pathlib import Path
 
@@ -24,16 +19,12 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("study", choices=STUDIES)
     parser.add_argument("--out", type=Path, default=Path("reports"), help="NAME.json; rows and runs: NAME/")
-    parser.add_argument("--trials", type=int, help="look at so many tasks, from the first")
     parser.add_argument("--minutes", type=float, help="begin nothing after so many; 0 only summarises")
     parser.add_argument("--workers", type=int, default=2, help="tasks at a time")
     parser.add_argument("--only", action="append", metavar="KEY", help="these tasks (* and ? match)")
-    parser.add_argument("--again", action="append", default=[], metavar="KEY", help="these tasks anew")
-    parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--development", action="store_true", help="the seeds that methods may be tuned on")
+    parser.add_argument("--seed", type=int, default=1, help="1: the report's; methods may be tuned on others")
     parser.add_argument("--recordings", type=Path, action="append", help="a folder of measured recordings")
     parser.add_argument("--loop-minutes", type=float, help="[loop] max_minutes of each loop on measured recordings")
-    parser.add_argument("--alone", action="store_true", help="real_rigs: each recording of a rig alone, too")
     options = parser.parse_args()
     study = STUDIES[options.study]
     text, cells = study.table(run(study, options))

@@ -18,7 +18,6 @@ import numpy as np
 from numpy.random import Generator
 
 from aero_bayes.data import write_csv
-from aero_bayes.errors import InputError
 from simulated_rigs.experiment import RigExperiment
 from simulated_rigs.kinds import KINDS
 from simulated_rigs.rig import RigKind
@@ -34,26 +33,25 @@ MAX_OFFSET, DISTANCE = 0.15, 40.0
 
 
 def write_fleet(
-    folder: Path | str, kind: str, count: int, *, seed: int = 1, share: float = 0.3, work: str = "loop"
+    out: Path | str, kind: str, count: int, *, seed: int = 1, share: float = 0.3, work: str = "loop"
 ) -> Path:
     """Write ``fleet.toml``, ``rigs.csv``, the model, each rig's recordings, and beside them all ``truth.json``.
 
     ``share`` is the probability that a rig has a law that the model lacks: dry friction, or the first of the kind.
-    Returns the path of the configuration. Raises InputError for no rigs.
+    Returns the path of the configuration.
     """
-    if count < 1:
-        raise InputError(f"bench: a fleet of {count} rigs; expected one at least")
     rig = KINDS[kind]
     rng = np.random.default_rng([FLEET, list(KINDS).index(kind), seed])
     typical = _typical(rig, rng)
     law = typical.laws[0]
     spread = {name: exp(float(rng.uniform(log(SPREAD_RANGE[0]), log(SPREAD_RANGE[1])))) for name in rig.free}
-    root = Path(folder)
+    root = Path(out)
     root.mkdir(parents=True, exist_ok=True)
     shutil.copyfile(typical.model, root / "Rig.mo")
     head = f'[fleet]\nwork = "{work}"\nrigs = "rigs.csv"\n\n'
     (root / "fleet.toml").write_text(head + typical.toml.read_text("utf-8"), "utf-8")
-    table, rigs = [("name", "train", "test")], []
+    table: list[tuple[str, ...]] = [("name", "train", "test")]
+    rigs = []
     for number, stream in enumerate(rng.spawn(count), 1):
         name = f"{kind}-{number:0{len(str(count))}}"
         factors = {key: exp(size * stream.standard_normal()) for key, size in spread.items()}
@@ -62,8 +60,12 @@ def write_fleet(
         level = size * exp(LAW_SPREAD * stream.standard_normal())
         own = [replace(law, parameters={**law.parameters, first: level})] if has else []
         trial = make_trial(rig, stream, parameters, lambda *_, own=own: own, typical.noise)
-        _write_rig(trial, root / "recordings" / name)
-        table.append((name, f"recordings/{name}/{trial.train.name}.csv", f"recordings/{name}/{trial.test.name}.csv"))
+        folder = Path("recordings") / name
+        (root / folder).mkdir(parents=True, exist_ok=True)
+        label = {"simulated": True, "recordings": [trial.train.name, trial.test.name]}
+        (root / folder / "simulated.json").write_text(json.dumps(label) + "\n", "utf-8")
+        paths = [write_csv(one, root / folder / f"{one.name}.csv") for one in (trial.train, trial.test)]
+        table.append((name, *(f"{folder.as_posix()}/{path.name}" for path in paths)))
         laws = [{"id": f"{one.law}@{one.place.name}", **one.parameters} for one in own]
         rigs.append({"name": name, "parameters": parameters, "laws": laws})
     with (root / "rigs.csv").open("w", encoding="utf-8", newline="") as file:
@@ -77,14 +79,6 @@ def write_fleet(
     return root / "fleet.toml"
 
 
-def _write_rig(trial: RigTrial, folder: Path) -> None:
-    folder.mkdir(parents=True, exist_ok=True)
-    for recording in (trial.train, trial.test):
-        write_csv(recording, folder / f"{recording.name}.csv")
-    label = {"simulated": True, "recordings": [trial.train.name, trial.test.name]}
-    (folder / "simulated.json").write_text(json.dumps(label) + "\n", "utf-8")
-
-
 def _typical(rig: RigKind, rng: Generator) -> RigTrial:
     """Draw the rig that is the fleet's median: parameters near the model's, and the law."""
     places = law_places(rig)
@@ -93,8 +87,7 @@ def _typical(rig: RigKind, rng: Generator) -> RigTrial:
 
     def choose(stream: Generator, experiment: RigExperiment) -> list[LawTruth]:
         law = experiment.law_at_distance(stream, *which, DISTANCE)
-        if law is None:
-            raise InputError(f"bench: {rig.name} does not show {which[0]}")
+        assert law is not None, f"{rig.name} does not show {which[0]}"
         return [law]
 
     parameters = {name: value * offsets.get(name, 1.0) for name, value in rig.parameters.items()}

@@ -329,7 +329,7 @@ def check_command(recordings: tuple[Path, ...], data: tuple[Path, ...], model: s
 
 @main.command("fleet")
 @click.option("--config", type=FILE, required=True, help="TOML file with [fleet] and the rigs.")
-@click.option("--out", type=FOLDER, required=True, help="Folder for rigs/, rigs.sqlite, fleet.json, report.html.")
+@click.option("--out", type=FOLDER, required=True, help="Folder for rigs/, rigs.jsonl, fleet.json, report.html.")
 @click.option("--dask", metavar="ADDRESS", help="Dask scheduler, its file, or local.  [default: no Dask]")
 @click.option("--seed", type=click.IntRange(min=0), default=1, show_default=True, help="Same seed, same result.")
 @click.option("--workers", type=click.IntRange(min=1), help="Rigs at a time on this machine.  [default: one per core]")
@@ -353,7 +353,7 @@ def fleet_command(config: Path, out: Path, dask: str | None, seed: int, workers:
         try:
             result = fleet(config, out, seed=seed, client=client, workers=workers, progress=progress)
         except KeyboardInterrupt:
-            raise KeyboardInterrupt(f"run the same command again to continue from {out / 'rigs.sqlite'}") from None
+            raise KeyboardInterrupt(f"run the same command again to continue from {out / 'rigs.jsonl'}") from None
     click.echo(result.verdict.text.replace("`", "") if result.verdict else "")
     click.echo(f"wrote {out / 'fleet.json'} and {out / 'report.html'}")
 

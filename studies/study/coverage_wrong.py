@@ -38,8 +38,8 @@ STATES = {
     "unlisted": "something acts that no law lists",
     "process_noise": "a random force drives a state",
 }
-#: First numbers of the seeds: those on which intervals were developed, and those of the report.
-DEVELOPMENT, REPORT = 35001, 35902
+#: First number of the seeds of ``--seed 1``, those of the report.
+REPORT = 35902
 #: Recordings of each rig in each state, factors of the size of what is missing, length of the recording of best values.
 COUNT, SIZES, LONG = 26, (1.0, 3.0), 40.0
 #: The first posteriors predict a new recording.
@@ -72,7 +72,7 @@ class Repetition:
 
 def tasks(options: Namespace) -> dict[str, Repetition]:
     """List all repetitions, states and rigs in turn."""
-    seed, folder = (DEVELOPMENT if options.development else REPORT), (options.out / "coverage_wrong").resolve()
+    seed, folder = REPORT + options.seed - 1, (options.out / "coverage_wrong").resolve()
     cells = product(range(COUNT), STATES, repeated_rigs())
     return {f"{seed}/{state}/{rig}/{k}": Repetition(seed, rig, state, k, folder) for k, state, rig in cells}
 

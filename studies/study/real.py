@@ -1,8 +1,7 @@
 """Measured recordings of real rigs: what the closed loop names, held against what is known.
 
 ``real_rigs``: ``real_rigs/cases.toml`` says what is fitted to what and which names are right. The recordings are not
-part of the project and are looked for in the folders of ``--recordings``. With ``--alone`` each recording of a rig is
-also fitted alone, with the others unseen: the answer should not depend on which one was fitted.
+part of the project and are looked for in the folders of ``--recordings``.
 
 ``real_trial``: ``real_rigs/complete.toml`` names complete models: first models with the effects that the literature
 knows, with starts from a fit. Each is a task by itself, in which no law should be claimed, and a task for each term
@@ -18,12 +17,11 @@ from argparse import Namespace
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from itertools import combinations
 from pathlib import Path
 from typing import Any
 
 from study.answers import LoopTask, claims_law, same_as, unseen
-from study.study import Row, Study, Told, matches, number, percent, rate, rate_cells, rate_of
+from study.study import Row, Study, Told, matches, number, rate_cells, rate_of
 
 STUDIES = Path(__file__).resolve().parents[1]
 MODELS = STUDIES / "real_rigs"
@@ -76,19 +74,21 @@ def cases() -> dict[str, RigCase]:
     return {name: RigCase(name, **entries) for name, entries in document.items()}
 
 
+def loop_task(case: RigCase, files: Mapping[str, Path], key: str, texts: Mapping[str, str], options: Namespace,
+              minutes: float) -> LoopTask:  # fmt: skip
+    """Make the task of a loop on the recordings of a case, found as ``files``."""
+    train, test = (tuple(files[file] for file in role) for role in (case.train, case.test))
+    folder = (options.out / options.study / "runs" / key).resolve()
+    return LoopTask(texts, train, test, folder, options.seed, options.loop_minutes or minutes)
+
+
 def case_tasks(options: Namespace) -> dict[str, LoopTask]:
-    """List the cases whose recordings are there, and with ``--alone`` each of their recordings."""
+    """List the cases whose recordings are there."""
     found = {}
     for case in cases().values():
-        files = case.find(options.recordings)
-        texts = {path.name: path.read_text(encoding="utf-8") for path in case.folder.glob("[Rr]ig.*")}
-        splits = {case.name: [case.train, case.test]} if files else {}
-        if options.alone and len(files) > 1 and not case.model:
-            splits |= {f"{case.name}:{Path(one).stem}": [[one], [f for f in files if f != one]] for one in files}
-        for key, split in splits.items():
-            train, test = (tuple(files[file] for file in role) for role in split)
-            folder = (options.out / "real_rigs" / "runs" / key.replace(":", "_")).resolve()
-            found[key] = LoopTask(texts, train, test, folder, options.seed, options.loop_minutes or 20.0)
+        if files := case.find(options.recordings):
+            texts = {path.name: path.read_text(encoding="utf-8") for path in case.folder.glob("[Rr]ig.*")}
+            found[case.name] = loop_task(case, files, case.name, texts, options, 20.0)
     return found
 
 
@@ -132,49 +132,23 @@ def judged(row: Row, known: Expectation) -> Row:
 
 
 def case_summary(rows: Sequence[Row]) -> Row:
-    """Return how many cases got which verdict, and whether the recordings of a rig agree."""
+    """Return how many cases got which verdict."""
     known = cases()
-    rows = [judged(row, known[row["key"].partition(":")[0]]) for row in rows]
-    whole = [row for row in rows if ":" not in row["key"]]
-    counts = Counter(row["verdict"] for row in whole)
+    rows = [judged(row, known[row["key"]]) for row in rows]
+    counts = Counter(row["verdict"] for row in rows)
     return {
-        "cases": len(whole),
+        "cases": len(rows),
         "verdicts": {verdict: counts[verdict] for verdict in VERDICTS},
-        "false_law": sum(row.get("false_law", False) for row in whole),
-        "alone": agreement([row for row in rows if ":" in row["key"] and "error" not in row]),
+        "false_law": sum(row.get("false_law", False) for row in rows),
         "rows": rows,
     }
 
 
-def agreement(rows: Sequence[Row]) -> Row:
-    """Return how often two recordings of a rig, each fitted alone, get the same verdict.
-
-    What they name overlaps, or one of them names nothing.
-    """
-    classes = {row["key"]: {name for effect in row["effects"] for name in same_as(row, effect)} for row in rows}
-    pairs = [pair for pair in combinations(classes, 2) if len({key.partition(":")[0] for key in pair}) == 1]
-    unlike = [[a, b] for a, b in pairs if classes[a] and classes[b] and not classes[a] & classes[b]]
-    return {
-        "recordings": len(rows),
-        "named": rate(rows, lambda row: row["effects"]),
-        "pairs": len(pairs),
-        "same": 1.0 - len(unlike) / len(pairs) if pairs else None,
-        "unlike": unlike,
-    }
-
-
 def case_table(found: Mapping[str, Any]) -> Told:
-    """Write the answer for each rig, and how often single recordings agree."""
-    rows = [row for row in found["rows"] if ":" not in row["key"]]
+    """Write the answer for each rig."""
     told = ", ".join(f"{n} {verdict.replace('_', ' ')}" for verdict, n in found["verdicts"].items())
     text = f"{found['cases']} cases: {told}. Goals: 90 % right or silent, a false law in none ({found['false_law']})."
-    alone = found["alone"]
-    if alone["pairs"]:
-        text += (
-            f" Of {alone['recordings']} recordings, each fitted alone, {percent(alone['named'])} name something (goal "
-            f"70 %); {percent(alone['same'])} of {alone['pairs']} pairs of a rig have the same verdict (goal 90 %)."
-        )
-    return text, [(row["key"], said(row), row["verdict"].replace("_", " "), change(row)) for row in rows]
+    return text, [(row["key"], said(row), row["verdict"].replace("_", " "), change(row)) for row in found["rows"]]
 
 
 def said(row: Row) -> str:
@@ -260,9 +234,7 @@ def term_tasks(options: Namespace) -> dict[str, LoopTask]:
         terms = {name: None, **{f"{name}-{key}": term for key, term in model.terms.items()}} if files else {}
         for key, term in terms.items():
             texts = {"Rig.mo": model.source(term), "rig.toml": model.configuration(term)}
-            train, test = (tuple(files[file] for file in role) for role in (model.case.train, model.case.test))
-            folder = (options.out / "real_trial" / "runs" / key).resolve()
-            found[key] = LoopTask(texts, train, test, folder, options.seed, options.loop_minutes or 5.0)
+            found[key] = loop_task(model.case, files, key, texts, options, 5.0)
     return found
 
 

@@ -10,19 +10,18 @@ import json
 import subprocess
 import time
 from argparse import Namespace
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import closing
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
-from functools import cache, partial
+from functools import cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from tqdm import tqdm
 
+from aero_bayes.commands.fleet_runner import read_rows, work_on
 from aero_bayes.files import write_whole
-from aero_bayes.parallel import Lost, results
 
 Row = dict[str, Any]
 #: Tasks by keys that no two share; a task can be pickled.
@@ -52,55 +51,29 @@ class Study:
 def run(study: Study, options: Namespace) -> Row:
     """Work on the tasks that have no row yet, then summarise all rows and write the summary.
 
-    ``options`` has ``out``, ``trials`` (tasks that are looked at, from the first), ``minutes``, ``workers``, ``only``
-    and ``again`` (patterns of keys), and what the study's own tasks ask for.
+    ``options`` has ``out``, ``minutes``, ``workers``, ``only`` (patterns of keys), and what the study's own tasks ask
+    for.
     """
-    name = f"{study.name}-dev" if options.development else study.name
-    path = options.out / name / "rows.jsonl"
-    path.parent.mkdir(parents=True, exist_ok=True)
-    tasks = study.tasks(options)
-    rows = {row["key"]: row for row in map(json.loads, path.read_text("utf-8").splitlines())} if path.exists() else {}
-    chosen = [key for key in tasks if matches([key], options.only or ["*"])][: options.trials]
-    wanted = {key: tasks[key] for key in chosen if key not in rows or matches([key], options.again)}
+    path, tasks = options.out / study.name / "rows.jsonl", study.tasks(options)
+    rows = read_rows(path)
+    wanted = {key: task for key, task in tasks.items() if key not in rows and matches([key], options.only or ["*"])}
     end = time.monotonic() + 60.0 * (study.minutes if options.minutes is None else options.minutes)
-    with path.open("a", encoding="utf-8") as file, tqdm(total=len(wanted)) as bar:
-        for row in worked(study.attempt, wanted, options.workers, end):
-            file.write(json.dumps(row) + "\n")
-            file.flush()
-            rows[row["key"]] = row
-            bar.update()
+
+    def more(key: str) -> Row:
+        return {"code": code()}
+
+    for row in tqdm(
+        work_on(
+            wanted.items(), study.attempt, path, more, workers=options.workers, late=lambda: time.monotonic() >= end
+        ),
+        total=len(wanted),
+    ):
+        rows[row["key"]] = row
     made = [rows[key] for key in tasks if key in rows]
     codes = sorted({str(row["code"]) for row in made})
     summary = {**study.summary(made), "left": len(tasks) - len(made), "code": codes}
-    write_json(summary, options.out / f"{name}.json")
+    write_json(summary, options.out / f"{study.name}.json")
     return summary
-
-
-def worked(attempt: Callable[[Any], Row], tasks: Tasks, workers: int, end: float) -> Iterator[Row]:
-    """Yield the row of each task as it comes, and begin none after ``end``; with no workers, in this process.
-
-    A task whose process dies takes no other one with it, and its row says so.
-    """
-    if not workers:
-        yield from (row_of(attempt, one) for one in tasks.items() if time.monotonic() < end)
-        return
-    with closing(
-        results(partial(row_of, attempt), tasks.items(), workers, late=lambda: time.monotonic() >= end)
-    ) as rows:
-        for (key, _), row in rows:
-            died = {"key": key, "error": "its process died", "seconds": 0.0, "code": code()}
-            yield died if isinstance(row, Lost) else row
-
-
-def row_of(attempt: Callable[[Any], Row], one: tuple[str, Any]) -> Row:
-    """Make the row of a key and its task; what is raised becomes a row with ``error``."""
-    key, task = one
-    began = time.perf_counter()
-    try:
-        row = attempt(task)
-    except Exception as error:
-        row = {"error": " ".join(f"{type(error).__name__}: {error}".split())}
-    return {"seconds": round(time.perf_counter() - began, 2), **row, "key": key, "code": code()}
 
 
 @cache

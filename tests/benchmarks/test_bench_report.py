@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from contextlib import ExitStack
 
 import bench_engine
 import bench_sampling
 import numpy as np
 import pytest
-from harness import Pair, Row, time_pair, update
+from harness import Pair, time_pair
 
 from aero_bayes.estimate.target import Target
 from aero_bayes.modelica.compilers import export_fmu
@@ -17,15 +16,6 @@ from aero_bayes.simulation.engines import open_simulator
 from aero_bayes.simulation.model import Model
 
 pytestmark = pytest.mark.long
-
-
-def test_rows_replace_earlier_ones_of_their_key_and_keep_the_others(tmp_path):
-    path = tmp_path / "bench.json"
-    update(path, [Row("a", "old", 2.0, 1.0, 2.0), Row("b", "kept", 3.0, 1.0, 3.0)])
-    update(path, [Row("a", "new", note="no effective sample")], {"max_relative_error": 1.0})
-    report = json.loads(path.read_text())
-    assert (report["a"], report["b"], report["max_relative_error"]) == (None, 3.0, 1.0)
-    assert {row["name"] for row in report["rows"]} == {"kept", "new"}
 
 
 def test_both_calls_of_a_pair_run_in_turn_and_the_ratio_is_that_of_one_unit(monkeypatch):

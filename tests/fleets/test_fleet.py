@@ -12,7 +12,8 @@ from click.testing import CliRunner
 
 from aero_bayes.cli import main
 from aero_bayes.commands.fleet import FleetPlan, Rig, attempt, fleet, read_fleet, tasks_of
-from aero_bayes.commands.fleet_runner import Table
+from aero_bayes.commands.fleet_runner import read_rows
+from aero_bayes.commands.fleet_summary import digest
 from aero_bayes.errors import InputError
 from aero_bayes.report.schema_run import FleetJson
 from simulate_fleet import write_fleet
@@ -44,9 +45,8 @@ def done(folder: Path) -> tuple[Path, FleetJson]:
 def test_every_rig_is_a_row_and_has_its_page(folder: Path, done: tuple[Path, FleetJson]) -> None:
     out, found = done
     truth = {r["name"]: r["parameters"] for r in json.loads((folder / "truth.json").read_text("utf-8"))["rigs"]}
-    with Table(out / "rigs.sqlite") as table:
-        rows = {row["key"]: row for row, _ in table.rows()}
-        assert table.digest() == found.table_sha256
+    rows = read_rows(out / "rigs.jsonl")
+    assert digest([row for _, row in sorted(rows.items())]) == found.table_sha256
     assert "no such file" in rows["lost"]["error"]
     assert (found.rigs, found.failed) == (5, 1)
     for name in ("cart-1", "cart-2", "cart-3"):
@@ -68,14 +68,15 @@ def test_every_rig_is_a_row_and_has_its_page(folder: Path, done: tuple[Path, Fle
 
 def test_a_rig_gives_the_same_row_alone_and_again(folder: Path, done: tuple[Path, FleetJson], tmp_path: Path) -> None:
     out, _ = done
-    *_, task = (t for t in tasks_of(read_fleet(folder / "fleet.toml"), tmp_path, 3) if t.key == "cart-2")
-    with Table(out / "rigs.sqlite") as table:
-        assert json.loads(json.dumps(attempt(task))) in [row for row, _ in table.rows()]
+    *_, task = (t for t in tasks_of(read_fleet(folder / "fleet.toml"), tmp_path, 3) if t.rig.name == "cart-2")
+    assert digest([attempt(task)]) == digest([read_rows(out / "rigs.jsonl")["cart-2"]])
     task.model.write_bytes(b"another model")
     assert f"{task.model}: has changed" in attempt(task)["error"]
     before = {path: path.stat().st_mtime_ns for path in out.glob("rigs/*/result.json")}
     fleet(folder / "fleet.toml", out, seed=3)
     assert {path: path.stat().st_mtime_ns for path in out.glob("rigs/*/result.json")} == before
+    fleet(folder / "fleet.toml", out, seed=4)
+    assert len(before) == sum(path.stat().st_mtime_ns > then for path, then in before.items())  # another seed
 
 
 def test_seeds_belong_to_the_rig() -> None:
@@ -107,6 +108,13 @@ def test_a_file_that_is_wrong_is_one_line(tmp_path: Path, text: str, rigs: str |
     assert says in answer.output
     assert len(answer.output.strip().splitlines()) == 1
     assert not (tmp_path / "out").exists()
+
+
+def test_a_cell_is_read_as_toml_and_a_word_needs_no_quotes(tmp_path: Path) -> None:
+    (tmp_path / "fleet.toml").write_text("[fleet]\nrigs = 'rigs.csv'\n", "utf-8")
+    (tmp_path / "rigs.csv").write_text('name,train,fit.method,parameters."k.c".value\na,a.csv,local,2.5\n', "utf-8")
+    (rig,) = read_fleet(tmp_path / "fleet.toml").rigs
+    assert rig.settings == {"fit": {"method": "local"}, "parameters": {"k.c": {"value": 2.5}}}
 
 
 def test_two_rigs_of_one_name_are_refused(tmp_path: Path) -> None:

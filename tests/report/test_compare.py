@@ -52,13 +52,13 @@ def test_only_what_differs_is_listed_of_the_settings(runs: Path, page: str) -> N
         assert result["verdict"]["text"][:12] in cell
 
 
-@pytest.mark.parametrize(("given", "written"), [("page.html", "page.html"), ("both", "both/compare.html")])
-def test_the_command_names_what_it_wrote(given: str, written: str, runs: Path, tmp_path: Path) -> None:
-    out = ["--out", str(tmp_path / given)]
-    result = CliRunner().invoke(main, ["compare", str(runs / "loop"), str(runs / "posterior"), *out])
+@pytest.mark.parametrize(("out", "page"), [("page.html", "page.html"), ("both", "both/compare.html")])
+def test_the_command_names_what_it_wrote(runs: Path, tmp_path: Path, out: str, page: str) -> None:
+    given = ["compare", str(runs / "loop"), str(runs / "posterior"), "--out", str(tmp_path / out)]
+    result = CliRunner().invoke(main, given)
     assert result.exit_code == 0, result.output
-    assert (tmp_path / written).is_file()
-    assert str(tmp_path / written) in result.output.replace("\n", "")
+    assert (tmp_path / page).is_file()
+    assert str(tmp_path / page) in result.output.replace("\n", "")
 
 
 def test_runs_of_one_name_are_told_apart_and_one_run_alone_is_refused(runs: Path, tmp_path: Path) -> None:

@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from aero_bayes.commands.fleet_runner import Table
 from aero_bayes.commands.fleet_summary import summarise_fleet
 from aero_bayes.report.fleet_page import write_fleet_page
 from aero_bayes.report.schema_run import FleetJson
@@ -16,18 +15,18 @@ from aero_bayes.report.schema_run import FleetJson
 def made_up(path: Path, count: int) -> tuple[Path, FleetJson]:
     """A page of rigs that nobody fitted: one far from the others in R, one that failed, a third with an effect."""
     rng = np.random.default_rng(1)
-    with Table(path / "rigs.sqlite") as table:
-        for k in range(count):
-            centre = 0.05 * rng.normal() + (1.0 if k == 7 else 0.0)
-            one = {"value": float(np.exp(centre)), "unit": "ohm", "log": True, "centre": centre, "width": 0.002}
-            effects = [{"id": "friction@v", "summary": "friction", "alike": []}] if k % 3 == 0 else []
-            row = {
-                "key": f"rig-{k:05}", "simulated": False, "parameters": {"R_a": one},
-                "over_floor": float(np.exp(0.05 * rng.normal())), "effects": effects,
-                "outcome": "extended" if effects else "adequate",
-            }  # fmt: skip
-            table.put(row if k != 5 else {"key": "rig-00005", "error": "<b>no file</b>"}, {"seconds": 2.0 + k % 7}, "")
-        result, rows = summarise_fleet(table, work="loop", seed=1, versions={})
+    rows = []
+    for k in range(count):
+        centre = 0.05 * rng.normal() + (1.0 if k == 7 else 0.0)
+        one = {"value": float(np.exp(centre)), "unit": "ohm", "log": True, "centre": centre, "width": 0.002}
+        effects = [{"id": "friction@v", "summary": "friction", "alike": []}] if k % 3 == 0 else []
+        row = {
+            "key": f"rig-{k:05}", "simulated": False, "parameters": {"R_a": one},
+            "over_floor": float(np.exp(0.05 * rng.normal())), "effects": effects,
+            "outcome": "extended" if effects else "adequate", "seconds": 2.0 + k % 7,
+        }  # fmt: skip
+        rows.append(row if k != 5 else {"key": "rig-00005", "error": "<b>no file</b>"})
+    result, rows = summarise_fleet(rows, work="loop", seed=1, versions={})
     return write_fleet_page(path, result, rows), result
 
 

@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from facts import facts
 from scipy.integrate import solve_ivp
 
-from aero_bayes.errors import InputError
 from simulated_rigs.kinds import KINDS
 from simulated_rigs.rig import Assembly, run_linear
 from simulated_rigs.signals import command_with_play, delayed_command, faded_command
@@ -203,15 +201,14 @@ def test_two_ways_of_integrating_a_linear_rig_agree(name: str) -> None:
 
 
 @pytest.mark.parametrize(
-    "law", ["coulomb_friction", "stribeck_friction", "presliding_friction", "friction_by_direction"]
+    ("law", "values"),
+    [
+        ("stribeck_friction", {"F_c": 1.2, "F_s": 2.0, "v_s": 0.1}),
+        ("presliding_friction", {"F_c": 1.5, "x_s": 0.02}),
+        ("friction_by_direction", {"F_plus": 2.0, "F_minus": 1.0}),
+    ],
 )
-def test_friction_does_not_depend_on_the_tolerance(law: str) -> None:
-    values = {
-        "coulomb_friction": {"F_c": 1.5},
-        "stribeck_friction": {"F_c": 1.2, "F_s": 2.0, "v_s": 0.1},
-        "presliding_friction": {"F_c": 1.5, "x_s": 0.02},
-        "friction_by_direction": {"F_plus": 2.0, "F_minus": 1.0},
-    }[law]
+def test_friction_does_not_depend_on_the_tolerance(law: str, values: dict[str, float]) -> None:
     commands = steps(CART, 500, 3)
     runs = [
         simulate_rig(
@@ -222,7 +219,7 @@ def test_friction_does_not_depend_on_the_tolerance(law: str) -> None:
     np.testing.assert_allclose(runs[0], runs[1], atol=1e-6 * np.ptp(runs[1]))
 
 
-def test_every_law_stands_somewhere_and_unknown_ones_are_refused() -> None:
+def test_every_law_stands_somewhere() -> None:
     listed = {law for kind in KINDS.values() for law, _ in law_places(kind)}
     expected = (
         "gain offset dead_zone saturation rate_limit square_law lag delay hysteresis coulomb_friction "
@@ -232,5 +229,3 @@ def test_every_law_stands_somewhere_and_unknown_ones_are_refused() -> None:
     )
     assert listed == set(expected.split())
     assert all(law_kind(kind, law, place).most > 0.0 for kind in KINDS.values() for law, place in law_places(kind))
-    with pytest.raises(InputError, match=facts("cart", "radiation", "balance", "mass.v")):
-        law_kind(CART, "radiation", LawPlace("balance", "mass.v"))

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import csv
 import hashlib
+import json
 import math
+import os
 import re
+import socket
 import tomllib
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import dataclass, field, replace
 from itertools import chain, islice
@@ -18,7 +21,7 @@ from typing import Any, Literal
 import numpy as np
 
 from aero_bayes.commands.commands import run_all, run_close_loop, run_fit
-from aero_bayes.commands.fleet_runner import Progress, Row, Table, failure, run_tasks
+from aero_bayes.commands.fleet_runner import Row, read_rows, work_on
 from aero_bayes.commands.fleet_summary import summarise_fleet
 from aero_bayes.commands.job import RunOptions, fit_parameters, which_model
 from aero_bayes.config import Config, Section, read_toml, resolve_paths, validated
@@ -39,7 +42,7 @@ NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.+-]{0,99}")
 #: Columns of a table of rigs that are no settings, and what stands between several files in one cell.
 TABLE_COLUMNS, BETWEEN = ("name", "train", "test"), ";"
 #: In the fleet's folder: the rigs' run directories, what each says while it runs, the table, the summary, the models.
-RUNS, LOG, TABLE, FLEET_RESULT, MODELS = "rigs", "log.txt", "rigs.sqlite", "fleet.json", "models"
+RUNS, LOG, TABLE, FLEET_RESULT, MODELS = "rigs", "log.txt", "rigs.jsonl", "fleet.json", "models"
 #: What a row is, so that rows of an older kind are computed anew.
 KIND = 4
 #: A rig whose likelihood has less than this share of its posterior's precision tells only its prior.
@@ -125,7 +128,7 @@ def read_fleet(path: Path) -> FleetPlan:
     document = read_toml(path)
     own = validated(FleetFile, {key: document.pop(key) for key in ("fleet", "rig") if key in document}, path)
     validated(Config, document, path)
-    rigs = [Rig(one.name, one.train, one.test, one.settings) for one in own.rig]
+    rigs = [Rig(**dict(one)) for one in own.rig]
     if own.fleet.rigs is not None:
         rigs += _read_table(path.parent / own.fleet.rigs)
     if not rigs:
@@ -153,21 +156,21 @@ def _rig_of_row(row: Mapping[str, str | None], where: str) -> Rig:
     train, test = (tuple(Path(part.strip()) for part in (row.get(c) or "").split(BETWEEN) if part.strip())
                    for c in TABLE_COLUMNS[1:])  # fmt: skip
     settings: dict[str, Any] = {}
-    for key, text in row.items():
-        if key not in TABLE_COLUMNS and text:
-            # parameters."spring.k".value -> its three parts, as TOML would read them
-            *tables, last = [quoted or plain for quoted, plain in re.findall(r'"([^"]*)"|([^".]+)', key)] or [key]
-            table = settings
-            for name in tables:
-                table = table.setdefault(name, {})
-            try:
-                table[last] = tomllib.loads(f"x = {text}")["x"]
-            except tomllib.TOMLDecodeError:
-                table[last] = text  # a word without quotes
     try:
+        for key, text in row.items():
+            if key not in TABLE_COLUMNS and text:
+                settings = _overlaid(settings, _setting(key, text))
         return Rig((row["name"] or "").strip(), train, test, settings)
-    except InputError as error:
+    except (InputError, tomllib.TOMLDecodeError) as error:
         raise InputError(f"{where}: {error}") from None
+
+
+def _setting(key: str, text: str) -> dict[str, Any]:
+    """Read a cell below a key such as ``parameters."spring.k".value`` as TOML; a word needs no quotes."""
+    try:
+        return tomllib.loads(f"{key} = {text}")
+    except tomllib.TOMLDecodeError:
+        return tomllib.loads(f"{key} = {json.dumps(text)}")
 
 
 def _overlaid(below: Mapping[str, Any], above: Mapping[str, Any]) -> dict[str, Any]:
@@ -191,11 +194,6 @@ class RigTask:
     model: Path | None = None
 
     @property
-    def key(self) -> str:
-        """The rig's name."""
-        return self.rig.name
-
-    @property
     def made_of(self) -> str:
         """Fingerprint of all that its row depends on; recordings by size and time of change."""
         paths = (*self.rig.train, *self.rig.test)
@@ -210,12 +208,20 @@ def attempt(task: RigTask) -> Row:
 
     The rig's own core is the only one that it uses. Its simulations run in a process of their own that can be killed.
     """
+    try:
+        row = _fitted(task)
+    except (InputError, CannotFinishError) as error:
+        reason = error.configured if isinstance(error, InputError) else str(error)
+        row = {"error": " ".join(reason.split())}
+    return {"key": task.rig.name, **row, "worker": f"{socket.gethostname()}/{os.getpid()}"}
+
+
+def _fitted(task: RigTask) -> Row:
     rig, config, folder, fmu = task.rig, task.config, task.out / RUNS / task.rig.name, task.model
-    if isinstance(config, str):
-        return failure(rig.name, config)
-    assert fmu is not None
+    if isinstance(config, str) or fmu is None:
+        raise InputError(str(config))
     if hashlib.sha256(fmu.read_bytes()).hexdigest() != fmu.stem:
-        return failure(rig.name, f"{fmu}: has changed since the fleet was started")
+        raise InputError(f"{fmu}: has changed since the fleet was started")
     built: Path | None = fmu
     if config.model.fmu is not None:
         config, built = config.model_copy(update={"model": config.model.model_copy(update={"fmu": fmu})}), None
@@ -223,19 +229,15 @@ def attempt(task: RigTask) -> Row:
     cache = fmu.parent / "loop"
     options = RunOptions(folder, config=config, seed=task.seed, workers=1, quiet=True, built=built, cache=cache)
     folder.mkdir(parents=True, exist_ok=True)
-    try:
-        with (folder / LOG).open("w", encoding="utf-8") as log, redirect_stdout(log), redirect_stderr(log):
-            if task.work in ("fit", "posterior"):
-                result = run_fit(rig.train, replace(options, posterior=task.work == "posterior"))
-            else:
-                result = (run_close_loop if task.work == "loop" else run_all)(rig.train, rig.test, options)
-    except (InputError, CannotFinishError) as error:
-        return failure(rig.name, error.configured if isinstance(error, InputError) else str(error))
-    searched = {item.name: item for item in fit_parameters(Model.load(fmu), config)}
-    return _row(rig.name, result, searched)
+    with (folder / LOG).open("w", encoding="utf-8") as log, redirect_stdout(log), redirect_stderr(log):
+        if task.work in ("fit", "posterior"):
+            result = run_fit(rig.train, replace(options, posterior=task.work == "posterior"))
+        else:
+            result = (run_close_loop if task.work == "loop" else run_all)(rig.train, rig.test, options)
+    return _row(result, {item.name: item for item in fit_parameters(Model.load(fmu), config)})
 
 
-def _row(name: str, result: RunJson, searched: Mapping[str, Parameter]) -> Row:
+def _row(result: RunJson, searched: Mapping[str, Parameter]) -> Row:
     """Make the row of a finished rig: the numbers of its ``result.json`` that the fleet needs."""
     loop, words = result.loop, result.effect_words()
     effects = loop.effects if loop else []
@@ -243,11 +245,10 @@ def _row(name: str, result: RunJson, searched: Mapping[str, Parameter]) -> Row:
     wanted = {*searched, *(key for effect in effects for key in effect.parameters)}
     ratios = [one.ratio for outputs in result.residual.values() for one in outputs.values() if math.isfinite(one.ratio)]
     return {
-        "key": name,
         "simulated": result.simulated,
         "parameters": {
             key: _parameter(entry, searched.get(key))
-            for key, entry in result.parameters.items()
+            for key, entry in sorted(result.parameters.items())
             if key in wanted and entry.status != "fixed" and math.isfinite(entry.value)
         },
         "over_floor": max(ratios, default=None),
@@ -296,7 +297,7 @@ def fleet(
     seed: int = 1,
     client: Any = None,
     workers: int | None = None,
-    progress: Progress = lambda count: None,
+    progress: Callable[[int], None] = lambda count: None,
 ) -> FleetJson:
     """Fit many rigs and summarise them.
 
@@ -305,7 +306,7 @@ def fleet(
     rigs : iterable of Rig, or path
         The rigs, or a ``fleet.toml`` that says what follows.
     out : path
-        Folder for ``rigs/NAME/``, ``rigs.sqlite``, ``fleet.json`` and ``report.html``; rows that are there are kept.
+        Folder for ``rigs/NAME/``, ``rigs.jsonl``, ``fleet.json`` and ``report.html``; rows that are there are kept.
     settings : dict, optional
         The configuration for all rigs, nested as in the TOML file; paths in it from the present folder.
     work : {"fit", "posterior", "loop", "all"}
@@ -341,12 +342,24 @@ def fleet(
     folder = Path(out).resolve()
     tasks = tasks_of(plan, folder, seed)
     first = list(islice(tasks, 1))  # what is wrong with all rigs shows before anything is written
-    with Table(folder / TABLE) as table:
-        run_tasks(chain(first, tasks), attempt, table, client=client, workers=workers, progress=progress)
-        table.keep_only({rig.name for rig in plan.rigs})
-        result, rows = summarise_fleet(table, work=plan.work, seed=seed, versions=versions())
+    table, made_of = folder / TABLE, dict[str, str]()
+    known = {key: row.get("made_of") for key, row in read_rows(table).items() if "seconds" in row}  # no worker died
+
+    def wanted() -> Iterator[tuple[str, RigTask]]:
+        for task in chain(first, tasks):
+            made_of[task.rig.name] = task.made_of
+            if known.get(task.rig.name) == task.made_of:
+                progress(1)
+            else:
+                yield task.rig.name, task
+
+    rows = work_on(wanted(), attempt, table, lambda key: {"made_of": made_of[key]}, client=client, workers=workers)
+    for _ in rows:
+        progress(1)
+    made = read_rows(table)
+    result, found = summarise_fleet([made[k] for k in sorted(made_of)], work=plan.work, seed=seed, versions=versions())
     write_json(folder / FLEET_RESULT, result.model_dump(by_alias=True))
-    write_fleet_page(folder, result, rows)
+    write_fleet_page(folder, result, found)
     return result
 
 

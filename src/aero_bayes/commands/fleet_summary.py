@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
+import hashlib
+import json
 import math
 from collections import Counter, defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from scipy.special import betaincinv, ndtr, ndtri
 
 from aero_bayes.arrays import FloatArray
-from aero_bayes.commands.fleet_runner import Row, Table
+from aero_bayes.commands.fleet_runner import Row
 from aero_bayes.estimate.residual_tests import MAX_FLOOR_RATIO
 from aero_bayes.report.schema_run import (
     FleetEffectJson,
@@ -118,17 +119,14 @@ MAX_LISTED_RIGS = 100
 
 
 def summarise_fleet(
-    table: Table, *, work: str, seed: int, versions: Mapping[str, str]
-) -> tuple[FleetJson, list[dict[str, Any]]]:
+    every: Sequence[Row], *, work: str, seed: int, versions: Mapping[str, str]
+) -> tuple[FleetJson, list[Row]]:
     """Summarise parameters over the rigs, the share of rigs with each effect, and outliers.
 
     The second are the rows. Where the fleet's spread is known, each parameter of a rig has its value in the light of
     all rigs under ``given_all``; a rig that stands out has its ``reasons``, and where it is known how unlikely it is,
     under ``p_value``. Outliers are first, then rigs that could not be fitted."""
-    every, costs = [], []
-    for row, cost in table.rows():
-        every.append(row)
-        costs.append(cost)
+    table = digest(every)
     rows, failed = [row for row in every if "error" not in row], [row for row in every if "error" in row]
     names = list(dict.fromkeys(name for row in rows for name in row["parameters"]))
     parameters = {name: _parameter(name, rows, OUTLIER_FLEETS * len(names)) for name in names}
@@ -142,11 +140,20 @@ def summarise_fleet(
         stand_out=[RigReasonJson(rig=row["key"], reasons=row["reasons"], p_value=row.get("p_value"))
                    for row in odd[:MAX_LISTED_RIGS]],
         failures=[RigReasonJson(rig=row["key"], reasons=[row["error"]]) for row in failed[:MAX_LISTED_RIGS]],
-        seconds=sum(cost.get("seconds", 0.0) for cost in costs),
-        workers=len({cost["worker"] for cost in costs if "worker" in cost}), table_sha256=table.digest(),
+        seconds=sum(row.get("seconds", 0.0) for row in every),
+        workers=len({row["worker"] for row in every if "worker" in row}), table_sha256=table,
     )  # fmt: skip
     others = [row for row in rows if "reasons" not in row]
     return result.model_copy(update={"verdict": _verdict(result)}), odd + failed + others
+
+
+def digest(rows: Sequence[Row]) -> str:
+    """Hash rows, without what it took to make them: equal for equal fleets."""
+    total = hashlib.sha256()
+    for row in rows:
+        kept = {key: value for key, value in row.items() if key not in ("seconds", "worker", "made_of")}
+        total.update(f"{json.dumps(kept, sort_keys=True)}\n".encode())
+    return total.hexdigest()
 
 
 def _parameter(name: str, rows: Sequence[Row], fleets: float) -> FleetParameterJson:

@@ -34,7 +34,6 @@ class Line:
     y: FloatArray
     colour: str
     width: float = 1.4
-    dashes: bool = False
     label: str = ""
     cloud: float = 0.0
     trend: bool = False
@@ -232,8 +231,8 @@ class _Frame:
         if layer.held and len(x) <= 2 * self.columns:
             x, y = np.repeat(x, 2)[1:], np.repeat(y, 2)[:-1]
         x, y = envelope(x, y, self.columns)
-        spec, dashes = self.layer_spec("line", layer, layer.label), "5 3" if layer.dashes else ""
-        canvas.curve(self.across(x), self.down(y), layer.colour, layer.width, dashes, spec)
+        spec = self.layer_spec("line", layer, layer.label)
+        canvas.curve(self.across(x), self.down(y), layer.colour, layer.width, "", spec)
 
     def _seen(self, x: FloatArray, *values: FloatArray) -> tuple[FloatArray, ...]:
         """Return what lies within the frame, and one point to either side."""

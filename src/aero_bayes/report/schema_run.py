@@ -188,7 +188,7 @@ class RigReasonJson(JsonTable):
 
 
 class FleetJson(JsonTable):
-    """``fleet.json``; lists of rigs are cut at a hundred, counts are whole, all rigs are in ``rigs.sqlite``."""
+    """``fleet.json``; lists of rigs are cut at a hundred, counts are whole, all rigs are in ``rigs.jsonl``."""
 
     version: Literal[1] = Field(default=1, alias="schema")
     command: str = "fleet"
