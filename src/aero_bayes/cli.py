@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import shutil
 import signal
-import sqlite3
 import sys
 import threading
 import warnings
@@ -62,7 +61,7 @@ class OneLineErrors(click.Group):
             ctx.exit(COULD_NOT_FINISH)
         except BrokenPipeError:
             raise  # whoever read the output has seen enough
-        except (OSError, sqlite3.OperationalError) as error:
+        except OSError as error:
             click.echo(f"could not finish: {_of_the_system(error)}", err=True)
             ctx.exit(COULD_NOT_FINISH)
         except KeyboardInterrupt as stop:
@@ -94,11 +93,11 @@ class _OneLineWarnings:
             click.echo(line, err=True)
 
 
-def _of_the_system(error: OSError | sqlite3.Error) -> str:
+def _of_the_system(error: OSError) -> str:
     """Return what the operating system refused, in one line: a full disk, a folder that may not be written to."""
     if isinstance(error, shutil.Error):  # one entry a file that was not copied
         return str(error.args[0][0][-1])
-    if isinstance(error, OSError) and error.strerror:
+    if error.strerror:
         return f"{error.filename}: {error.strerror}" if error.filename else error.strerror
     return f"{error}"
 
