@@ -111,7 +111,6 @@ static int do_task(Problem *p, char *base, const Job *job, int64_t index)
 
 EXPORT Problem *ab_open(const char *path, char *error, size_t size)
 {
-    kernels_choose();
     return problem_open(path, error, size);
 }
 

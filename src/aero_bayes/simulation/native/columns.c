@@ -17,7 +17,7 @@ static size_t width(const Run *r) { return (size_t)(r->n * r->ld); }
 /* to += m s */
 static void apply(const Run *r, double *to, const double *m, const double *s)
 {
-    kernels->apply_rows(to, m, s, r->n, r->exponential->rows, r->ld, r->ld);
+    kernel_apply_rows(to, m, s, r->n, r->exponential->rows, r->ld, r->ld);
 }
 
 /* C_k anew at (r->t, r->x). */
@@ -60,9 +60,9 @@ static void linear_columns(const Run *r, const Flow *f, double *to)
     apply(r, to, f->of_slope.value, k->s_slope);
     if (r->any_linear) apply(r, to, f->of_ramp.value, k->s_ramp);
     if (!k->system.ld) return;
-    kernels->apply(to, f->of_slope.slopes, k->f0, n, wide);
-    if (k->ramps) kernels->apply(to, f->of_ramp.slopes, k->ramp, n, wide);
-    for (int j = 0; k->rounds != ONLY_END && j < NODES_X; j++) kernels->apply(to, f->of_node[j].slopes, k->d[j], n, wide);
+    kernel_apply(to, f->of_slope.slopes, k->f0, n, wide);
+    if (k->ramps) kernel_apply(to, f->of_ramp.slopes, k->ramp, n, wide);
+    for (int j = 0; k->rounds != ONLY_END && j < NODES_X; j++) kernel_apply(to, f->of_node[j].slopes, k->d[j], n, wide);
 }
 
 static void add_remainders(const Run *r, const Flow *f, double *to)
@@ -120,7 +120,7 @@ static int visit(Run *r, int j, double *rest)
     apply(r, rest, k->system.a.value, r->s);
     if (!k->system.ld) return status;
     for (int i = 0; i < r->n; i++) k->v[i] = k->x0[i] - k->x[j][i];
-    kernels->apply(rest, k->system.a.slopes, k->v, r->n, (int)width(r));
+    kernel_apply(rest, k->system.a.slopes, k->v, r->n, (int)width(r));
     return status;
 }
 
@@ -166,7 +166,7 @@ static void carry(Run *r)
     memcpy(k->s_ramp, k->s_slope, sizeof *more * width(r));
     apply(r, k->s_ramp, k->system.a.value, more);
     for (int i = 0; i < r->n; i++) k->v[i] = k->x[NODES_X - 1][i] - k->x0[i];
-    kernels->apply(k->s_ramp, k->system.a.slopes, k->v, r->n, (int)width(r));
+    kernel_apply(k->s_ramp, k->system.a.slopes, k->v, r->n, (int)width(r));
 }
 
 /* S at the end of the step that the states have just taken, to r->s1; its error in units of the tolerance. */

@@ -22,7 +22,7 @@
  *   sink.c         samples of the outputs, and where they go: a trajectory, or a likelihood with its noise filter
  *   kalman.c       the extended Kalman filter of a model with process noise
  *   batch.c        many runs, handed out from a shared counter, and what a worker tells of its progress
- *   kernels.inc    the vector loops, compiled for the baseline and for AVX2 by kernels.c
+ *   kernels.c      the vector loops
  *   confine.c      what a worker gives up before it loads a model */
 #ifndef AB_ENGINE_H
 #define AB_ENGINE_H
@@ -369,7 +369,7 @@ typedef struct {
 } Method;
 extern const Method rodas5p;
 double rodas_step(Run *, double h, const double *ft);
-void rodas_dense(Run *);
+void continuous_extension(double *c, int64_t stride, const double *x, const double *x1, const double *k, int64_t count);
 double scaled_norm(const Run *, const double *v, const double *x, const double *x1);
 double first_step(Run *, double limit);
 
@@ -472,24 +472,20 @@ int64_t now_ns(void);    /* by the clock on the wall */
 int64_t thread_ns(void); /* computed by this thread */
 void start_time_limit(Run *);
 
-/* kernels.inc, twice */
-typedef struct {
-    void (*horner)(const double *c, int stride, const double *fraction, int64_t count, double *out);
-    void (*combine)(double *out, const double *base, const double *w, int terms, const double *v, int64_t stride,
+/* kernels.c */
+void kernel_horner(const double *c, int stride, const double *fraction, int64_t count, double *out);
+void kernel_combine(double *out, const double *base, const double *w, int terms, const double *v, int64_t stride,
                     int64_t count);
-    void (*multiply)(double *out, const Sparse *a, const double *s, int64_t q, int64_t ld);
-    void (*solve)(const Sparse *lu, const int *pivot, double *b, int64_t q, int64_t ld);
-    void (*dense_rows)(double *out, const double *c, int64_t stride, const double *fraction, int64_t count, int64_t q,
+void kernel_multiply(double *out, const Sparse *a, const double *s, int64_t q, int64_t ld);
+void kernel_solve(const Sparse *lu, const int *pivot, double *b, int64_t q, int64_t ld);
+void kernel_dense_rows(double *out, const double *c, int64_t stride, const double *fraction, int64_t count, int64_t q,
                        int64_t ld);
-    int64_t (*residual)(const double *y, const double *measured, int64_t count, double *r);
-    double (*square)(const double *r, int64_t count);
-    double (*colour)(double *r, int64_t count, const double *gain, const double *decay, const double *weight,
+int64_t kernel_residual(const double *y, const double *measured, int64_t count, double *r);
+double kernel_square(const double *r, int64_t count);
+double kernel_colour(double *r, int64_t count, const double *gain, const double *decay, const double *weight,
                      double mean);
-    void (*product)(double *c, const double *a, const double *b, int n);
-    void (*apply)(double *out, const double *m, const double *v, int n, int rows);
-    void (*apply_rows)(double *out, const double *m, const double *s, int n, int rows, int64_t q, int64_t ld);
-} Kernels;
-extern const Kernels *kernels;
-void kernels_choose(void);
+void kernel_product(double *c, const double *a, const double *b, int n);
+void kernel_apply(double *out, const double *m, const double *v, int n, int rows);
+void kernel_apply_rows(double *out, const double *m, const double *s, int n, int rows, int64_t q, int64_t ld);
 
 #endif

@@ -50,7 +50,7 @@ int crossed(const double *z0, const double *z1, int nz)
 
 static int indicators_at(Run *r, double h, double fraction, double *z)
 {
-    for (int i = 0; i < r->n; i++) kernels->horner(r->dense + i, r->n, &fraction, 1, r->u + i);
+    for (int i = 0; i < r->n; i++) kernel_horner(r->dense + i, r->n, &fraction, 1, r->u + i);
     return indicators(r, r->t + fraction * h, r->u, z);
 }
 

@@ -280,15 +280,15 @@ static void linear_at(const Run *r, const Flow *f, double *to)
 {
     const Exponential *k = r->exponential;
     memcpy(to, k->x0, sizeof *to * (size_t)k->rows);
-    kernels->apply(to, f->of_slope.value, k->f0, r->n, k->rows);
-    if (k->ramps) kernels->apply(to, f->of_ramp.value, k->ramp, r->n, k->rows);
+    kernel_apply(to, f->of_slope.value, k->f0, r->n, k->rows);
+    if (k->ramps) kernel_apply(to, f->of_ramp.value, k->ramp, r->n, k->rows);
 }
 
 /* to += what the remainders add there */
 static void add_remainders(const Run *r, const Flow *f, double *to)
 {
     const Exponential *k = r->exponential;
-    for (int j = 0; j < NODES_X; j++) kernels->apply(to, f->of_node[j].value, k->d[j], r->n, k->rows);
+    for (int j = 0; j < NODES_X; j++) kernel_apply(to, f->of_node[j].value, k->d[j], r->n, k->rows);
 }
 
 /* The states at a fraction of the last step. */
@@ -304,8 +304,8 @@ static void linear_at_points(Run *r, const StepTable *t)
     Exponential *k = r->exponential;
     const int n = r->n;
     for (int j = 0; j < NODES_X; j++) memcpy(k->linear + j * n, k->x0, sizeof *k->x0 * (size_t)n);
-    kernels->apply(k->linear, t->of_slope, k->f0, n, k->all_rows);
-    if (k->ramps) kernels->apply(k->linear, t->of_ramp, k->ramp, n, k->all_rows);
+    kernel_apply(k->linear, t->of_slope, k->f0, n, k->all_rows);
+    if (k->ramps) kernel_apply(k->linear, t->of_ramp, k->ramp, n, k->all_rows);
     memcpy(k->points, k->linear, sizeof *k->linear * (size_t)k->all_rows);
 }
 
@@ -321,7 +321,7 @@ static int remainder_at(Run *r, double h, double theta, const double *x, double 
         left[i] -= k->f0[i];
     }
     for (int i = 0; k->ramps && i < n; i++) left[i] -= theta * k->ramp[i];
-    kernels->apply(left, k->system.a.value, v, n, k->rows);
+    kernel_apply(left, k->system.a.value, v, n, k->rows);
     for (int i = 0; i < n; i++) d[i] = left[i];
     return status;
 }
@@ -353,7 +353,7 @@ static double effect(Run *r, const StepTable *t, const double *slope)
 {
     Exponential *k = r->exponential;
     memset(k->v, 0, sizeof *k->v * (size_t)k->rows);
-    kernels->apply(k->v, t->node[2].of_slope.value, slope, r->n, k->rows);
+    kernel_apply(k->v, t->node[2].of_slope.value, slope, r->n, k->rows);
     return scaled_size(r, k->v);
 }
 
@@ -368,7 +368,7 @@ static double iterate(Run *r, const StepTable *t, int rounds)
     for (int round = 1;; round++) {
         memcpy(k->change, k->x[NODES_X - 1], sizeof(double) * (size_t)n);
         memcpy(k->points, k->linear, bytes);
-        kernels->apply(k->points, t->of_nodes, k->remainders, NODES_X * n, k->all_rows);
+        kernel_apply(k->points, t->of_nodes, k->remainders, NODES_X * n, k->all_rows);
         for (int i = 0; i < n; i++) k->change[i] -= k->x[NODES_X - 1][i];
         const double now = scaled_size(r, k->change);
         k->rounds = round;
@@ -400,7 +400,7 @@ static double error_of_parabola(Run *r, const StepTable *t)
     const int bends = error > OLD_JACOBIAN;
     if (!bends && !k->corners) return error;
     memset(off, 0, sizeof *off * (size_t)k->rows);
-    kernels->apply(off, k->system.a.value, defect, r->n, k->rows);
+    kernel_apply(off, k->system.a.value, defect, r->n, k->rows);
     const double linear = fmin(OF_SMOOTH * t->h * effect(r, t, off), MOST_OF_SMOOTH * whole);
     const double smooth = linear + fmax(k->contraction, 0.0) * whole;
     if (bends && !(smooth < 1.0)) return error;
@@ -532,7 +532,7 @@ double exponential_step(Run *r, double span, double left, double *recorded)
     memcpy(r->x1, k->x[NODES_X - 1], sizeof *r->x1 * (size_t)r->n);
     if (r->form == LINEAR_FORM) { /* the slope there */
         for (int i = 0; i < r->n; i++) k->v[i] = r->x1[i] - k->x0[i], k->end[i] = r->f[i] + (k->ramps ? k->ramp[i] : 0.0);
-        kernels->apply(k->end, k->system.a.value, k->v, r->n, k->rows);
+        kernel_apply(k->end, k->system.a.value, k->v, r->n, k->rows);
         memcpy(r->f, k->end, sizeof *r->f * (size_t)r->n);
     }
     *recorded = k->rounds + (renewed ? RENEWED : 0);

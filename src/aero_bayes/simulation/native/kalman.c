@@ -187,8 +187,8 @@ static void sandwich(double *restrict p, const double *restrict a, double *restr
 {
     for (int i = 0; i < n; i++)
         for (int j = 0; j < n; j++) turned[j * n + i] = a[i * n + j];
-    kernels->product(work, a, p, n);
-    kernels->product(p, work, turned, n);
+    kernel_product(work, a, p, n);
+    kernel_product(p, work, turned, n);
     for (int i = 0; i < n; i++)
         for (int j = 0; j < i; j++) p[j * n + i] = p[i * n + j];
 }
@@ -207,8 +207,8 @@ static void exponents(Kalman *k, const double *begin, double h, int n)
     for (int i = 0; i < n; i++) k->noise[i * n + i] = h * k->rate[i];
     if (!changes) return;
     const double w = h * h / 12.0;
-    kernels->product(k->work, begin, end, n);
-    kernels->product(k->term, end, begin, n);
+    kernel_product(k->work, begin, end, n);
+    kernel_product(k->term, end, begin, n);
     for (int i = 0; i < n; i++)
         for (int j = 0; j < n; j++) {
             k->omega[i * n + j] -= w * (k->work[i * n + j] - k->term[i * n + j]);
@@ -263,8 +263,8 @@ static void transition(Kalman *k, int n)
     for (int order = 2; left > ENOUGH; order++) {
         left *= 2.0 * norm * part / order;
         const double scale = 1.0 / order;
-        kernels->product(k->work, k->part, k->power, n);
-        kernels->product(k->spare, k->part, k->term, n);
+        kernel_product(k->work, k->part, k->power, n);
+        kernel_product(k->spare, k->part, k->term, n);
         for (int i = 0; i < n; i++)
             for (int j = 0; j < n; j++) {
                 k->power[i * n + j] = scale * k->work[i * n + j];
@@ -279,9 +279,9 @@ static void transition(Kalman *k, int n)
         memcpy(k->power, k->phi, sizeof *k->phi * (size_t)(n * n));
         for (int i = 0; i < n; i++) k->power[i * n + i] += 1.0;
         sandwich(k->term, k->power, k->work, k->spare, n);
-        kernels->product(k->work, k->phi, k->drift, n);
+        kernel_product(k->work, k->phi, k->drift, n);
         for (int i = 0; i < n * n; i++) k->drift[i] = 2.0 * k->drift[i] + k->work[i];
-        kernels->product(k->work, k->phi, k->phi, n);
+        kernel_product(k->work, k->phi, k->phi, n);
         for (int i = 0; i < n * n; i++) {
             k->q[i] += k->term[i];
             k->phi[i] = 2.0 * k->phi[i] + k->work[i];
@@ -298,7 +298,7 @@ static void advance(Run *r, const double *phi, const double *q)
     sandwich(k->p, phi, k->work, k->spare, n);
     for (int i = 0; i < n * n; i++) k->p[i] += q[i];
     if (r->mode != MODE_FILTER_STATES) return;
-    kernels->product(k->work, phi, k->f, n);
+    kernel_product(k->work, phi, k->f, n);
     memcpy(k->f, k->work, sizeof *k->f * (size_t)(n * n));
 }
 
@@ -327,7 +327,7 @@ int kalman_step(Run *r, double h, double fraction)
     const int n = r->n;
     const double half = 0.5 * fraction;
     int status;
-    for (int i = 0; i < n; i++) kernels->horner(r->dense + i, n, &half, 1, k->x + i);
+    for (int i = 0; i < n; i++) kernel_horner(r->dense + i, n, &half, 1, k->x + i);
     if (is_error(status = rhs(r, r->t + half * h, k->x, r->f1))) return status;
     if (is_error(status = jacobian(r, r->t + half * h, k->x, r->f1, k->middle))) return status;
     if (is_error(status = rhs(r, r->t + fraction * h, r->x1, r->f1))) return status;
@@ -401,9 +401,9 @@ void kalman_advance(Run *r, double h)
         advance(r, k->phi, k->q);
         return;
     }
-    kernels->product(k->work, k->middle, k->phi, n);
-    kernels->product(k->spare, k->phi, k->middle, n);
-    kernels->product(k->part, k->middle, k->q, n);
+    kernel_product(k->work, k->middle, k->phi, n);
+    kernel_product(k->spare, k->phi, k->middle, n);
+    kernel_product(k->part, k->middle, k->q, n);
     for (int i = 0; i < n; i++)
         for (int j = 0; j < n; j++) {
             k->power[i * n + j] = k->phi[i * n + j] + 0.25 * (k->work[i * n + j] + k->spare[i * n + j]);

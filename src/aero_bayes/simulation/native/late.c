@@ -42,10 +42,10 @@ static void take_late(Run *r, Late *l, double fraction, double h)
 {
     const int n = r->n, i = r->e->output_state[l->output];
     const double *c = r->dense + i, *time = r->e->time;
-    kernels->horner(c, n, &fraction, 1, l->y + l->next);
+    kernel_horner(c, n, &fraction, 1, l->y + l->next);
     if (r->q) {
         double *s = l->s + l->next * r->ld;
-        kernels->dense_rows(s, r->sdense + i * r->ld, (int64_t)n * r->ld, &fraction, 1, r->q, r->ld);
+        kernel_dense_rows(s, r->sdense + i * r->ld, (int64_t)n * r->ld, &fraction, 1, r->q, r->ld);
         const double change = c[n] + fraction * (2.0 * c[2 * n] + fraction * (3.0 * c[3 * n] + fraction * 4.0 * c[4 * n]));
         if (l->column >= 0 && time[l->next] - l->delay > time[0]) s[l->column] -= change / h;
     }

@@ -21,12 +21,12 @@ static void product(const Linear *m, Matrix c, Matrix a, Matrix b)
 {
     const int n = m->n, rows = m->rows, wide = wide_of(m);
     memset(c.value, 0, sizeof *c.value * (size_t)size_of(m));
-    for (int j = 0; j < n; j++) kernels->apply(c.value + j * rows, a.value, b.value + j * rows, n, rows);
+    for (int j = 0; j < n; j++) kernel_apply(c.value + j * rows, a.value, b.value + j * rows, n, rows);
     if (!m->ld) return;
     memset(c.slopes, 0, sizeof *c.slopes * (size_t)(n * wide));
     for (int j = 0; j < n; j++) {
-        kernels->apply_rows(c.slopes + j * wide, a.value, b.slopes + j * wide, n, rows, m->ld, m->ld);
-        kernels->apply(c.slopes + j * wide, a.slopes, b.value + j * rows, n, wide);
+        kernel_apply_rows(c.slopes + j * wide, a.value, b.slopes + j * wide, n, rows, m->ld, m->ld);
+        kernel_apply(c.slopes + j * wide, a.slopes, b.value + j * rows, n, wide);
     }
 }
 

@@ -127,13 +127,13 @@ double rodas_step(Run *r, double h, const double *ft)
         double *k = r->k + s * n;
         const double *f = r->f;
         if (s) {
-            kernels->combine(r->u, r->x, rodas5p.a[s], s, r->k, n, n);
+            kernel_combine(r->u, r->x, rodas5p.a[s], s, r->k, n, n);
             r->status = rhs(r, r->t + rodas5p.alpha[s] * h, r->u, r->r);
             if (is_error(r->status)) return NAN;
             f = r->r;
         }
         for (int j = 0; j < s; j++) w[j] = rodas5p.c[s][j] / h;
-        kernels->combine(k, f, w, s, r->k, n, n);
+        kernel_combine(k, f, w, s, r->k, n, n);
         if (ft && rodas5p.d[s] != 0.0)
             for (int i = 0; i < n; i++) k[i] += h * rodas5p.d[s] * ft[i];
         lu_solve(&r->factors, r->pivot, k);
@@ -143,21 +143,19 @@ double rodas_step(Run *r, double h, const double *ft)
     return scaled_norm(r, last, r->x, r->x1);
 }
 
-/* Coefficients of the continuous extension in powers of fraction = (t - t_n) / h. */
-void rodas_dense(Run *r)
+/* Coefficients of the continuous extension of `count` numbers in powers of fraction = (t - t_n) / h, from x to x1 by the
+ * stages k; those of a power, and those of a stage, are `stride` behind the ones before. */
+void continuous_extension(double *c, int64_t stride, const double *x, const double *x1, const double *k, int64_t count)
 {
-    const int n = r->n;
-    double *c = r->dense, *k1 = r->u, *k2 = r->r, *k3 = r->column;
-    memset(c, 0, sizeof(double) * (size_t)n);
-    kernels->combine(k1, c, rodas5p.H[0], STAGES, r->k, n, n);
-    kernels->combine(k2, c, rodas5p.H[1], STAGES, r->k, n, n);
-    kernels->combine(k3, c, rodas5p.H[2], STAGES, r->k, n, n);
-    for (int i = 0; i < n; i++) {
-        c[i] = r->x[i];
-        c[n + i] = r->x1[i] - r->x[i] + k1[i];
-        c[2 * n + i] = k2[i] - k1[i];
-        c[3 * n + i] = k3[i] - k2[i];
-        c[4 * n + i] = -k3[i];
+    memset(c, 0, sizeof *c * (size_t)count);
+    for (int d = 0; d < 3; d++) kernel_combine(c + (2 + d) * stride, c, rodas5p.H[d], STAGES, k, stride, count);
+    for (int64_t i = 0; i < count; i++) {
+        const double k1 = c[2 * stride + i], k2 = c[3 * stride + i], k3 = c[4 * stride + i];
+        c[i] = x[i];
+        c[stride + i] = x1[i] - x[i] + k1;
+        c[2 * stride + i] = k2 - k1;
+        c[3 * stride + i] = k3 - k2;
+        c[4 * stride + i] = -k3;
     }
 }
 

@@ -224,28 +224,15 @@ static void combine_nodes(Run *r, double *out, const double *w, int64_t size)
                  w[3] * r->b_node[3 * size + i];
 }
 
-/* Powers of fraction of the continuous extension, for the rows that samples read or for all. */
-static void continuous_extension(Run *r, int all)
+/* The continuous extension, for the rows that samples read or for all. */
+static void extend(Run *r, int all)
 {
     const int64_t ld = r->ld, size = (int64_t)r->n * ld;
-    double *c = r->sdense;
     for (int i = 0; i < r->n; i++) {
         int wanted = all || r->e->n_other > 0;
         for (int64_t o = 0; o < r->e->m && !wanted; o++) wanted = r->e->output_state[o] == i;
-        if (!wanted) continue;
-        double *row = c + i * ld;
-        memset(row, 0, sizeof *row * (size_t)ld);
-        for (int d = 0; d < 3; d++)
-            kernels->combine(row + (2 + d) * size, row, rodas5p.H[d], STAGES, r->sv + i * ld, size, ld);
-        const double *s = r->s + i * ld, *s1 = r->s1 + i * ld;
-        for (int64_t j = 0; j < ld; j++) {
-            const double k1 = row[2 * size + j], k2 = row[3 * size + j], k3 = row[4 * size + j];
-            row[j] = s[j];
-            row[size + j] = s1[j] - s[j] + k1;
-            row[2 * size + j] = k2 - k1;
-            row[3 * size + j] = k3 - k2;
-            row[4 * size + j] = -k3;
-        }
+        const int64_t at = i * ld;
+        if (wanted) continuous_extension(r->sdense + at, size, r->s + at, r->s1 + at, r->sv + at, ld);
     }
 }
 
@@ -259,7 +246,7 @@ double sensitivity_step(Run *r, double h, double root)
     static const double first[4] = {1.0, 0.0, 0.0, 0.0}, last[4] = {0.0, 0.0, 0.0, 1.0};
     r->status = FMI_OK;
     for (int k = 1; k < 3; k++) {
-        for (int i = 0; i < n; i++) kernels->horner(r->dense + i, n, &node[k], 1, r->u + i);
+        for (int i = 0; i < n; i++) kernel_horner(r->dense + i, n, &node[k], 1, r->u + i);
         r->status = set_point(r, r->t + node[k] * h, r->u);
         if (is_error(r->status)) return NAN;
         r->status = sensitivity_node(r, k, r->t + node[k] * h, r->u, NULL);
@@ -270,7 +257,7 @@ double sensitivity_step(Run *r, double h, double root)
     /* g_dot = A'(t_n) S + B'(t_n), per unit of fraction */
     combine_nodes(r, r->g_dot, slope_at_0, size);
     interpolate_jacobian(r, entries, slope_at_0);
-    kernels->multiply(r->g_dot, &r->a_now, r->s, ld, ld);
+    kernel_multiply(r->g_dot, &r->a_now, r->s, ld, ld);
     const double *u = r->s;
     for (int stage = 0; stage < STAGES; stage++) {
         double *v = r->sv + stage * size;
@@ -287,21 +274,21 @@ double sensitivity_step(Run *r, double h, double root)
             combine_nodes(r, r->b_now, w, size);
         }
         if (stage) {
-            kernels->combine(r->su, r->s, rodas5p.a[stage], stage, r->sv, size, size);
+            kernel_combine(r->su, r->s, rodas5p.a[stage], stage, r->sv, size, size);
             u = r->su;
         }
         for (int j = 0; j < stage; j++) w[j] = rodas5p.c[stage][j] / h;
-        kernels->combine(v, b, w, stage, r->sv, size, size);
-        kernels->multiply(v, &r->a_now, u, ld, ld);
-        if (rodas5p.d[stage] != 0.0) kernels->combine(v, v, &rodas5p.d[stage], 1, r->g_dot, 0, size);
-        kernels->solve(&r->factors, r->pivot, v, ld, ld);
+        kernel_combine(v, b, w, stage, r->sv, size, size);
+        kernel_multiply(v, &r->a_now, u, ld, ld);
+        if (rodas5p.d[stage] != 0.0) kernel_combine(v, v, &rodas5p.d[stage], 1, r->g_dot, 0, size);
+        kernel_solve(&r->factors, r->pivot, v, ld, ld);
     }
     const double *end = r->sv + (STAGES - 1) * size;
     for (int64_t i = 0; i < size; i++) r->s1[i] = r->su[i] + end[i];
     const double error = sensitivity_error(r, end);
     if (!(error <= 1.0)) return error;
-    continuous_extension(r, root < 1.0);
+    extend(r, root < 1.0);
     for (int64_t i = 0; i < size && root < 1.0; i++)
-        kernels->horner(r->sdense + i, (int)size, &root, 1, r->s1 + i);
+        kernel_horner(r->sdense + i, (int)size, &root, 1, r->s1 + i);
     return error;
 }

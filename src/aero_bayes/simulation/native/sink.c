@@ -97,7 +97,6 @@ EXPORT void ab_whiten(const double *time, double spacing, int64_t n, const doubl
     enum { PART = 512 };
     double gain[PART], decay[PART], log_det = 0.0;
     const int64_t share = noises == 1 ? k : 1;
-    kernels_choose();
     for (int64_t i = 0; i < noises; i++) {
         Filter f;
         filter_begin(&f, noise + 3 * i, spacing);
@@ -106,7 +105,7 @@ EXPORT void ab_whiten(const double *time, double spacing, int64_t n, const doubl
             double *w = weight + i * n + first;
             filter_gains(&f, time + first, NULL, count, spacing, gain, decay, w, &log_det);
             for (int64_t r = i * share; r < (i + 1) * share; r++)
-                mean[r] = kernels->colour(rows + r * n + first, count, gain, decay, w, mean[r]);
+                mean[r] = kernel_colour(rows + r * n + first, count, gain, decay, w, mean[r]);
         }
     }
 }
@@ -143,7 +142,7 @@ static void flush_output(Run *r, int64_t o)
     const Experiment *e = r->e;
     Filter *f = &k->filter[o];
     const double *measured = e->measured + o * e->n + k->first;
-    const int64_t used = kernels->residual(k->y + o * BLOCK, measured, k->filled, k->residual);
+    const int64_t used = kernel_residual(k->y + o * BLOCK, measured, k->filled, k->residual);
     const double *seen = used == k->filled ? NULL : measured;
     if (e->spread) { /* what follows sees readings whose noise is equally large */
         const double *spread = e->spread + o * e->n + k->first;
@@ -155,11 +154,11 @@ static void flush_output(Run *r, int64_t o)
     }
     if (f->stationary > 0.0) {
         filter_gains(f, e->time + k->first, seen, k->filled, e->spacing, k->gain, k->decay, k->weight, &k->log_det);
-        f->mean = kernels->colour(k->residual, k->filled, k->gain, k->decay, k->weight, f->mean);
-        k->cost += 0.5 * kernels->square(k->residual, k->filled);
+        f->mean = kernel_colour(k->residual, k->filled, k->gain, k->decay, k->weight, f->mean);
+        k->cost += 0.5 * kernel_square(k->residual, k->filled);
     } else {
         k->log_det += 0.5 * (double)used * (LOG_2PI + log(f->white));
-        k->cost += 0.5 * kernels->square(k->residual, k->filled) / f->white;
+        k->cost += 0.5 * kernel_square(k->residual, k->filled) / f->white;
     }
 }
 
@@ -287,11 +286,11 @@ static int read_outputs(Run *r, double t, double fraction, double *y, int64_t y_
 {
     const int n = r->n;
     const int64_t size = (int64_t)n * r->ld;
-    for (int i = 0; i < n; i++) kernels->horner(r->dense + i, n, &fraction, 1, r->u + i);
+    for (int i = 0; i < n; i++) kernel_horner(r->dense + i, n, &fraction, 1, r->u + i);
     int status = inputs_exact(r, t);
     if (!is_error(status)) status = read_values(r, t, r->u, y, y_stride);
     if (!is_error(status) && r->q) {
-        kernels->dense_rows(r->su, r->sdense, size, &fraction, 1, size, size);
+        kernel_dense_rows(r->su, r->sdense, size, &fraction, 1, size, size);
         status = read_sensitivities(r, r->su, s, s_stride);
     }
     return is_error(status) ? status : inputs_as_lines(r);
@@ -343,7 +342,7 @@ static int interpolate(Run *r, const double *time, int64_t from, int64_t count, 
             sink->y[o * BLOCK + at] = y;
             if (!r->q) continue;
             memset(s, 0, sizeof *s * (size_t)ld);
-            kernels->combine(s, s, w, NODES, r->piece_s + o * ld, 2 * wide, ld);
+            kernel_combine(s, s, w, NODES, r->piece_s + o * ld, 2 * wide, ld);
         }
     }
     return 1;
@@ -399,10 +398,10 @@ int emit_until(Run *r, double h, double limit, int inclusive)
         for (int64_t o = 0; o < e->m; o++) {
             const int i = e->output_state[o];
             if (i < 0) continue;
-            kernels->horner(r->dense + i, n, r->fraction, count, sink->y + o * BLOCK + sink->filled);
+            kernel_horner(r->dense + i, n, r->fraction, count, sink->y + o * BLOCK + sink->filled);
             if (r->q)
-                kernels->dense_rows(sink->s + (o * BLOCK + sink->filled) * ld, r->sdense + i * ld, size,
-                                    r->fraction, count, r->q, ld);
+                kernel_dense_rows(sink->s + (o * BLOCK + sink->filled) * ld, r->sdense + i * ld, size,
+                                  r->fraction, count, r->q, ld);
         }
         if (e->n_other) {
             const int status = read_samples(r, time, count);

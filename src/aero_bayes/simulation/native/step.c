@@ -238,7 +238,7 @@ int integrate_segment(Run *r, Segment *g)
                 if ((outcome = reject_step(r, g, h, error))) return outcome;
                 continue;
             }
-            rodas_dense(r);
+            continuous_extension(r->dense, n, r->x, r->x1, r->k, n);
         }
         const double t1 = last ? g->end : r->t + h;
         double root = 2.0;
@@ -268,7 +268,7 @@ int integrate_segment(Run *r, Segment *g)
             have_f1 = root > 1.0;
         }
         for (int i = 0; i < n && root <= 1.0; i++)
-            kernels->horner(r->dense + i, n, &root, 1, r->x1 + i);
+            kernel_horner(r->dense + i, n, &root, 1, r->x1 + i);
         const double reached = root <= 1.0 ? r->t + root * h : t1;
         const double limit = root <= 1.0 ? reached : last ? g->end - r->resolution : t1;
         if (!n) memset(r->dense, 0, sizeof *r->dense);
