@@ -10,14 +10,12 @@ from __future__ import annotations
 import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 from harness import Pair, Row, time_pair
 
 from aero_bayes.modelica.compilers import export_fmu
-from aero_bayes.simulation.engines import open_simulator
 from aero_bayes.simulation.interface import Experiment, InputSignal, ParameterTarget, Problem, SolverSettings
 from aero_bayes.simulation.model import Model
 from aero_bayes.simulation.native_simulator import NativeSimulator
@@ -45,7 +43,7 @@ def nominal(model: Model, n: int = 1) -> np.ndarray:
     return values * np.exp(0.02 * np.random.default_rng(0).standard_normal((n, len(PARAMETERS))) * (n > 1))
 
 
-def fmpy_route(model: Model, folder: Path) -> Route:
+def fmpy_route(model: Model, folder: Path, tolerance: float = TOLERANCE) -> Route:
     """Return Model Exchange with CVode by FMPy as a user would write it, unpacked, described and loaded once."""
     from fmpy import extract, read_model_description, simulate_fmu
 
@@ -56,18 +54,12 @@ def fmpy_route(model: Model, folder: Path) -> Route:
     def call() -> np.ndarray:
         out = simulate_fmu(
             unpacked, model_description=described, fmi_type="ModelExchange", stop_time=40.0, output_interval=0.02,
-            relative_tolerance=TOLERANCE, solver="CVode", input=signal, output=list(OUTPUTS), validate=False,
+            relative_tolerance=tolerance, solver="CVode", input=signal, output=list(OUTPUTS), validate=False,
         )  # fmt: skip
         last = np.append(np.diff(out["time"]) > 0.0, True)  # at the jump there is a row before it and one after
         return np.stack([out[name][last] for name in OUTPUTS], axis=1)
 
     return call
-
-
-def _exact(problem: Problem) -> np.ndarray:
-    tight = SolverSettings(1e-10, 1e-10, max_steps=10_000_000, time_limit=100.0)
-    with open_simulator(replace(problem, settings=tight), "fmpy", workers=0) as reference:
-        return np.array(reference.simulate(nominal(problem.model)).outputs[0][0])
 
 
 def pairs(model: Model, folder: Path, stack: ExitStack) -> Iterator[Pair]:
@@ -76,7 +68,7 @@ def pairs(model: Model, folder: Path, stack: ExitStack) -> Iterator[Pair]:
     batch, large, few = (nominal(model, count) for count in (100, 1000, 50))
     here, one, two = (stack.enter_context(WorkerPool(count)) for count in (0, 1, 2))
     local, single, double = (NativeSimulator(problem, pool=pool) for pool in (here, one, two))
-    exact = _exact(problem)
+    exact = fmpy_route(model, folder, 1e-10)()
     error = float(np.max(np.abs(local.simulate(values).outputs[0][0] - exact) / np.ptp(exact, axis=0)))
     yield Pair(
         "engine_over_fmpy_me", "one run: FMPy, Model Exchange, CVode / engine, batch of 100, one core",

@@ -117,7 +117,7 @@ def run_options(command: Command) -> Command:
             "--seed", type=click.IntRange(min=0), default=1, show_default=True, help="Same seed, same result."
         ),
         click.option("--workers", type=click.IntRange(min=1), help="Simulation processes.  [default: one per core]"),
-        click.option("--engine", type=click.Choice(["native", "fmpy"]), help="Simulator.  [default: native]"),
+        click.option("--engine", type=click.Choice(["native"]), expose_value=False, hidden=True),  # there is one
         click.option("--resume", is_flag=True, help="Continue from the checkpoint in the output folder."),
         click.option("--quiet", is_flag=True, help="Print nothing of the progress."),
         click.option("--out", type=FOLDER, required=True, help="Folder for result.json, report.html, posterior.nc."),

@@ -19,7 +19,7 @@ from aero_bayes.estimate.levenberg_marquardt import FitSettings, Stage
 from aero_bayes.estimate.swarm import SwarmSettings
 from aero_bayes.loop.first_fit import LoopSettings
 from aero_bayes.modelica.sources import as_packages
-from aero_bayes.simulation.interface import Engine, SolverSettings
+from aero_bayes.simulation.interface import SolverSettings
 from aero_bayes.unknown_names import closest_name, no_such_file
 
 Sections = TypeVar("Sections", bound=BaseModel)
@@ -181,7 +181,7 @@ class LoopSection(Section):
 class SolverSection(Section):
     """``[solver]``: engine and accuracy of a simulation."""
 
-    engine: Engine = "native"
+    engine: Literal["native"] = "native"  # there is one
 
 
 class Config(Section):

@@ -12,19 +12,15 @@ from aero_bayes.simulation.interface import Outcome, Problem, Trajectories
 from aero_bayes.simulation.workers import WorkerPool
 
 
-def ran(
-    problem: Problem, pool: WorkerPool | None, values: ArrayLike = (), active: Any = None, engine: Any = "native"
-) -> Trajectories:
+def ran(problem: Problem, pool: WorkerPool | None, values: ArrayLike = (), active: Any = None) -> Trajectories:
     """Run one parameter vector (p,), or rows of them (n, p)."""
-    with open_simulator(problem, engine, 0, pool) as simulator:
+    with open_simulator(problem, 0, pool) as simulator:
         return simulator.simulate(np.atleast_2d(np.asarray(values, dtype=float)), active=active)
 
 
-def one_run(
-    problem: Problem, pool: WorkerPool | None, values: tuple[float, ...] = (), engine: str = "native"
-) -> tuple[np.ndarray, np.ndarray]:
+def one_run(problem: Problem, pool: WorkerPool | None, values: tuple[float, ...] = ()) -> tuple[np.ndarray, np.ndarray]:
     """Return the outputs (n, m) of the first experiment, which succeeds, and their slopes (n, m, p) by every target."""
-    found = ran(problem, pool, values, range(len(values)), engine)
+    found = ran(problem, pool, values, range(len(values)))
     assert found.outcomes[0, 0] == Outcome.OK
     assert found.sensitivities is not None
     return found.outputs[0][0], found.sensitivities[0][0]

@@ -10,7 +10,6 @@ import pytest
 from test_engine_isolation import CRASH, FAIL, FINE, HANG, NOT_A_NUMBER
 
 from aero_bayes.errors import InputError
-from aero_bayes.simulation.cosimulation_runs import communication_points, equal_steps
 from aero_bayes.simulation.engines import open_simulator
 from aero_bayes.simulation.interface import (
     DelayTarget,
@@ -90,24 +89,6 @@ def test_what_it_cannot_do_is_named(test_fmu):
     rigid = replace(problem, model=replace(problem.model, takes_any_step=False))
     with pytest.raises(InputError, match="delay"):
         open_simulator(replace(rigid, targets=((DelayTarget(), None),)))
-
-
-def test_communication_points():
-    signal = InputSignal("u", np.array([-1.0, 0.25, 1.0]), np.zeros(3))
-    samples = np.array([0.0, 1.0, 3.0])
-    points, times = communication_points(samples, (signal,), 2)
-    np.testing.assert_allclose(points, [0, 0.25, 0.5, 1, 2, 3])
-    np.testing.assert_allclose(times, [0.125, 0.375, 0.75, 1.5, 2.5])
-    points, times = communication_points(samples, (replace(signal, interpolation="linear"),), 1)
-    np.testing.assert_allclose(points, [0, 0.25, 0.999, 1, 2.998, 3])
-    np.testing.assert_allclose(times, [0.125, 0.6245, 1, 1.999, 3])
-
-
-def test_equal_steps_go_over_the_samples_and_reach_the_last():
-    np.testing.assert_allclose(equal_steps(np.array([1.0, 1.4, 1.7]), 0.2), [1.0, 1.2, 1.4, 1.6, 1.8])
-    np.testing.assert_allclose(equal_steps(np.array([0.0, 0.3]), 1.0), [0.0, 1.0])
-    samples = 0.013 + 0.15 * np.arange(40)
-    assert np.all(np.isin(samples, equal_steps(samples, 0.05)))
 
 
 @pytest.mark.filterwarnings("ignore::UserWarning")

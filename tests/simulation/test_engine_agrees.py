@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from fmpy_oracle import FmpySimulator
 from runs import ran
 
 from aero_bayes.simulation.engines import open_simulator
@@ -28,7 +29,7 @@ TIGHT = SolverSettings(1e-8, 1e-8)
 
 def compare(problem: Problem, values: np.ndarray, pool, active=None, slack: float = 1.0) -> float:
     """Compare outputs and sensitivities; the largest difference of outputs over their ranges."""
-    with open_simulator(problem, pool=pool) as native, open_simulator(problem, "fmpy") as reference:
+    with open_simulator(problem, pool=pool) as native, FmpySimulator(problem) as reference:
         a, b = native.simulate(values, active=active), reference.simulate(values, active=active)
     assert np.all(a.outcomes == Outcome.OK)
     assert np.all(b.outcomes == Outcome.OK)

@@ -72,13 +72,12 @@ def test_stair_with_time_events(test_fmu, here):
 
 
 @pytest.mark.parametrize("defines", [("NO_CALLBACK",), ("NO_CALLBACK", "FMI3"), ()])
-@pytest.mark.parametrize("engine", ["native", "fmpy"])
-def test_time_events_of_a_model_without_states(test_fmu, here, defines, engine):
+def test_time_events_of_a_model_without_states(test_fmu, here, defines):
     time = np.linspace(0.053, 2.0, 14)  # in places fewer samples than events, in others more
     problem = Problem(
         test_fmu("Ticker", defines=defines), (Experiment(time, ("count", "y")),), ((ParameterTarget("period"),),)
     )
-    found = ran(problem, here, [[0.3], [0.07]], engine=engine)
+    found = ran(problem, here, [[0.3], [0.07]])
     assert np.all(found.outcomes == Outcome.OK)
     for out, period in zip(found.outputs[0], (0.3, 0.07), strict=True):
         count = np.floor(time / period)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import os
-import pickle
 import signal
 import subprocess
 import sys
@@ -158,13 +157,6 @@ def test_memory_is_bounded_in_the_batch(test_fmu, pool):
         result = simulator.log_likelihood(np.full((100_000, 1), 1.5), np.array([1.0, 0.0, 0.0]))
         assert pool.group.memory.size == before
     assert np.unique(result.log_likelihood).size == 1
-
-
-def test_pickled_simulator_runs(test_fmu):
-    with NativeSimulator(trouble(test_fmu), workers=0) as simulator:
-        copy = pickle.loads(pickle.dumps(simulator))
-    with copy:
-        assert copy.simulate(np.zeros((1, 1))).outcomes[0, 0] == Outcome.OK
 
 
 def test_wrong_shapes_and_names_are_named(test_fmu, here):

@@ -11,7 +11,6 @@ from scipy.linalg import expm
 from scipy.stats import multivariate_normal
 
 from aero_bayes.errors import CannotFinishError, InputError
-from aero_bayes.simulation.engines import open_simulator
 from aero_bayes.simulation.interface import (
     DiffusionTarget,
     Experiment,
@@ -78,24 +77,23 @@ class Oscillator:
             found[end] = x
         return np.stack([found[t] for t in time])
 
-    def log_density(self, x0, time, signal, measured, sd) -> float:
-        states = self.mean(x0, time, signal)
-        u = signal.values[np.searchsorted(signal.time, time, side="right") - 1]
-        mean = states @ self.c.T + u[:, None] * self.feed
+    def prior(self, time: np.ndarray) -> np.ndarray:
+        """Covariance of all states at increasing times, one sample after the other."""
         n = len(time)
         full = np.zeros((n, 2, n, 2))
         for i in range(n):
             p = self.covariance(time[i] - time[0])
             for j in range(i, n):
-                full[j, :, i, :] = self.c @ expm(self.a * (time[j] - time[i])) @ p @ self.c.T
+                full[j, :, i, :] = expm(self.a * (time[j] - time[i])) @ p
                 full[i, :, j, :] = full[j, :, i, :].T
-            full[i, range(2), i, range(2)] += np.square(sd)
-        seen = np.isfinite(measured).ravel()
-        return float(
-            multivariate_normal(mean.ravel()[seen], full.reshape(2 * n, 2 * n)[np.ix_(seen, seen)]).logpdf(
-                measured.ravel()[seen]
-            )
-        )
+        return full.reshape(2 * n, 2 * n)
+
+    def readings(self, x0, time, signal, sd) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Mean of all readings, their slopes by all states, and their covariance."""
+        u = signal.values[np.searchsorted(signal.time, time, side="right") - 1]
+        mean = self.mean(x0, time, signal) @ self.c.T + u[:, None] * self.feed
+        slopes = np.kron(np.eye(len(time)), self.c)
+        return mean.ravel(), slopes, slopes @ self.prior(time) @ slopes.T + np.diag(np.tile(np.square(sd), len(time)))
 
 
 def oscillator_case(rng, moves):
@@ -121,7 +119,9 @@ def test_linear_rig_has_the_likelihood_of_its_gaussian_process(exported, here, r
     problem = Problem(exported(OSCILLATOR), (experiment,), (targets,), settings=settings, process=process)
     with NativeSimulator(problem, pool=here) as simulator:
         found = simulator.log_likelihood(np.array([[k, *sigma, sd[0]]]), np.ones(3)).log_likelihood[0, 0]
-    exact = Oscillator(k, d, m, sigma, initial).log_density((0.3, -0.1), time, signal, measured, sd)
+    mean, _, covariance = Oscillator(k, d, m, sigma, initial).readings((0.3, -0.1), time, signal, sd)
+    seen = np.isfinite(measured).ravel()
+    exact = multivariate_normal(mean[seen], covariance[np.ix_(seen, seen)]).logpdf(measured.ravel()[seen])
     assert found == pytest.approx(exact, rel=1e-8 if settings is EXACT else 1e-5)
 
 
@@ -136,21 +136,13 @@ def test_smoothed_states_are_those_of_the_gaussian_process(exported, here, rng, 
         (states,) = simulator.filtered_states(np.empty(0))
     found = smooth(states, measured)
 
-    rig, n = Oscillator(4.0, 0.6, 0.5, sigma, initial), time.size
-    prior = np.zeros((n, 2, n, 2))
-    for i in range(n):
-        p = rig.covariance(time[i])
-        for j in range(i, n):
-            prior[j, :, i, :] = expm(rig.a * (time[j] - time[i])) @ p
-            prior[i, :, j, :] = prior[j, :, i, :].T
-    prior = prior.reshape(2 * n, 2 * n)
-    mean = rig.mean((0.3, -0.1), time, signal)
-    u = signal.values[np.searchsorted(signal.time, time, side="right") - 1]
+    rig = Oscillator(4.0, 0.6, 0.5, sigma, initial)
+    prior, states = rig.prior(time), rig.mean((0.3, -0.1), time, signal)
+    mean, slopes, covariance = rig.readings((0.3, -0.1), time, signal, sd)
     seen = np.isfinite(measured).ravel()
-    slopes = np.kron(np.eye(n), rig.c)[seen]
-    away = (measured - mean @ rig.c.T - u[:, None] * rig.feed).ravel()[seen]
-    gain = np.linalg.solve(slopes @ prior @ slopes.T + np.diag(np.tile(np.square(sd), n)[seen]), slopes @ prior).T
-    np.testing.assert_allclose(found.mean.ravel(), mean.ravel() + gain @ away, atol=1e-7)
+    slopes, away = slopes[seen], measured.ravel()[seen] - mean[seen]
+    gain = np.linalg.solve(covariance[np.ix_(seen, seen)], slopes @ prior).T
+    np.testing.assert_allclose(found.mean.ravel(), states.ravel() + gain @ away, atol=1e-7)
     variance = np.diag(prior - gain @ slopes @ prior)
     np.testing.assert_allclose(found.sd.ravel() ** 2, variance, atol=1e-8)
 
@@ -265,5 +257,3 @@ def test_what_cannot_be_filtered_is_one_line(test_fmu, here):
             simulator.filtered_states(np.empty(0))
     with pytest.raises(InputError, match="no state 'w'"):
         NativeSimulator(Problem(ball, (experiment,), ((),), process=ProcessNoise({"w": 0.1})), pool=here)
-    with pytest.raises(InputError, match="native engine"):
-        open_simulator(Problem(ball, (experiment,), ((),), process=process), engine="fmpy")

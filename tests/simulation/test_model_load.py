@@ -72,8 +72,6 @@ def with_member(name: str, data: bytes = b"x") -> Edit:
         (replaced(b'valueReference="0"', b'valueReference="zero"'), "contradicts"),
         (replaced(b'modelIdentifier="', b'modelIdentifier="../'), "not a file name"),
         (with_member("../evil.txt"), "outside"),
-        (with_member("/etc/evil.txt"), "outside"),
-        (with_member("resources/..\\..\\evil.txt"), "outside"),
     ],
 )
 def test_unusable_files_are_named(test_fmu, tmp_path, edit, message):
@@ -136,7 +134,7 @@ def test_a_binary_that_is_no_library_is_named(test_fmu, tmp_path, binary):
         Model.load(path)
 
 
-@pytest.mark.parametrize(("steps", "engine"), [(False, "native"), (False, "fmpy"), (True, "native")])
+@pytest.mark.parametrize("steps", [False, True])
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
@@ -145,11 +143,11 @@ def test_a_binary_that_is_no_library_is_named(test_fmu, tmp_path, binary):
     ],
 )
 @pytest.mark.filterwarnings("ignore::UserWarning")
-def test_a_library_that_is_missing_is_named(test_fmu, pool, tmp_path, steps, engine, old, new, message):
+def test_a_library_that_is_missing_is_named(test_fmu, pool, tmp_path, steps, old, new, message):
     source = test_fmu("Dahlquist", defines=("STEPS",) if steps else ()).path
     path = rewrite(source, tmp_path / "needs.fmu", edited_binary(lambda data: data.replace(old, new)))
     problem = Problem(Model.load(path), (Experiment(np.array([0.0, 1.0]), ("x",)),), ((),))
-    with pytest.raises(InputError, match=message) as caught, open_simulator(problem, engine, pool=pool) as simulator:
+    with pytest.raises(InputError, match=message) as caught, open_simulator(problem, pool=pool) as simulator:
         simulator.simulate(np.zeros((1, 0)))
     assert str(path) in str(caught.value)
     assert "\n" not in str(caught.value)

@@ -6,6 +6,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+from fmpy_oracle import FmpySimulator
 from runs import one_run, ran
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
@@ -36,17 +37,15 @@ def run(
     outputs: tuple[str, ...],
     targets: tuple[ProblemTarget, ...] = (),
     values: tuple[float, ...] = (),
-    engine: str = "native",
     pool: WorkerPool | None = None,
     **other: object,
 ) -> tuple[np.ndarray, np.ndarray]:
     problem = Problem(model, (Experiment(TIME, outputs, **other),), (targets,), settings=TIGHT)  # type: ignore[arg-type]
-    return one_run(problem, pool, values, engine)
+    return one_run(problem, pool, values)
 
 
-@pytest.mark.parametrize("engine", ["native", "fmpy"])
-def test_states_that_an_event_changes_without_saying_so(test_fmu, here, engine):
-    out, _ = run(test_fmu("BouncingBall", defines=("SILENT",)), ("h",), engine=engine, pool=here)
+def test_states_that_an_event_changes_without_saying_so(test_fmu, here):
+    out, _ = run(test_fmu("BouncingBall", defines=("SILENT",)), ("h",), pool=here)
     np.testing.assert_allclose(out[:, 0], bounce(TIME, 1.0, 0.7), atol=1e-6)
 
 
@@ -94,8 +93,7 @@ def loop(z: float) -> float:
     return z + z**3
 
 
-@pytest.mark.parametrize("engine", ["native", "fmpy"])
-def test_algebraic_loops_solved_only_by_the_derivatives(test_fmu, here, engine):
+def test_algebraic_loops_solved_only_by_the_derivatives(test_fmu, here):
     def z(t: float, x: float) -> float:
         return float(brentq(lambda z: loop(z) - x - 0.5 * np.sin(t), -10.0, 10.0, xtol=1e-14))
 
@@ -113,7 +111,7 @@ def test_algebraic_loops_solved_only_by_the_derivatives(test_fmu, here, engine):
         inside = (begin <= TIME) & (end >= TIME)
         expected[inside] = [z(t, piece.sol(t)[0]) for t in TIME[inside]]
         begin, x = piece.t[-1], 1.0
-    out, _ = run(test_fmu("Loop"), ("z",), engine=engine, pool=here)
+    out, _ = run(test_fmu("Loop"), ("z",), pool=here)
     np.testing.assert_allclose(out[:, 0], expected, atol=1e-6)
 
 
@@ -148,9 +146,8 @@ def test_an_fmu_that_runs_once_a_process_is_an_outcome_not_a_wait(test_fmu, here
             assert np.all(found.outcomes == Outcome.MODEL_ERROR)
 
 
-@pytest.mark.parametrize("engine", ["native", "fmpy"])
 @pytest.mark.parametrize("defines", [(), ("ALWAYS",)])
-def test_a_callback_after_every_step_that_asks_for_events(test_fmu, here, engine, defines):
+def test_a_callback_after_every_step_that_asks_for_events(test_fmu, here, defines):
     # x' = 1 - x + b cos(4 t) once t > 1: before it 1 - e^-t, after it with the particular solution of the forcing
     b = 0.7
 
@@ -161,7 +158,7 @@ def test_a_callback_after_every_step_that_asks_for_events(test_fmu, here, engine
     exact = 1.0 - np.exp(-TIME)
     exact += np.where(late, forced(TIME) - forced(np.array(1.0)) * np.exp(-np.where(late, TIME - 1.0, 0.0)), 0.0)
     model = test_fmu("Stepping", defines=defines)
-    out, slopes = run(model, ("x",), (ParameterTarget("b"),), (b,), engine=engine, pool=here)
+    out, slopes = run(model, ("x",), (ParameterTarget("b"),), (b,), pool=here)
     np.testing.assert_allclose(out[:, 0], exact, atol=1e-6)
     np.testing.assert_allclose(slopes[:, 0, 0], (exact - 1.0 + np.exp(-TIME)) / b, atol=1e-4)
 
@@ -205,7 +202,7 @@ def test_a_model_that_factors_nothing_agrees_with_fmpy(test_fmu, here, drive):
     model = test_fmu("Wide")
     assert model.jacobian_pattern is not None
     problem = Problem(model, (experiment,), ((ParameterTarget("R"),),), settings=SolverSettings(1e-8, 1e-8))
-    with open_simulator(problem, pool=here) as native, open_simulator(problem, "fmpy") as reference:
+    with open_simulator(problem, pool=here) as native, FmpySimulator(problem) as reference:
         a, b = (s.simulate(np.array([[9.0]]), active=[0]) for s in (native, reference))
     assert np.all(np.abs(a.outputs[0] - b.outputs[0]).max(axis=1) < 1e-5 * np.ptp(b.outputs[0], axis=1))
     assert a.sensitivities is not None

@@ -12,21 +12,20 @@ from aero_bayes.data.read import read_recording
 from aero_bayes.data.recording import to_experiment
 from aero_bayes.modelica.sources import as_packages
 from aero_bayes.simulation.engines import open_simulator
-from aero_bayes.simulation.interface import Engine, Problem
+from aero_bayes.simulation.interface import Problem
 from aero_bayes.simulation.model import Model
 
 CASE = Path(__file__).resolve().parents[3] / "shared" / "cases" / "72_discrete_inputs_fmu"
 
 
 @pytest.mark.skipif(not CASE.exists(), reason="the FMU with discrete inputs is not on this machine")
-@pytest.mark.parametrize("engine", ["native", "fmpy"])
-def test_discrete_inputs_act_as_in_the_closed_form(engine: Engine) -> None:
+def test_discrete_inputs_act_as_in_the_closed_form() -> None:
     model = Model.load(CASE / "cooler.fmu")
     inputs = ["heater.on", "heater.gear", "mode", "bus.T_amb"]
     layout = Layout.of(inputs, ["T"], model=model)
     found = read_recording(CASE / "words.csv", layout=layout).rows_where(np.arange(2400) < 400, "r")
     problem = Problem(model, (to_experiment(found),), ((),))
-    with open_simulator(problem, engine=engine, workers=1) as simulator:
+    with open_simulator(problem, workers=1) as simulator:
         ran = simulator.simulate(np.empty((1, 0))).outputs[0][0, :, 0]
     temperature, expected = 300.0, []
     for on, gear, mode in zip(*(found.inputs[name] for name in inputs[:3]), strict=True):

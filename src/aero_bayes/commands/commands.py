@@ -93,7 +93,7 @@ def prediction_part(job: Job, found: Fit, progress: ProgressBar) -> Json:
     limit = job.config.prediction.max_seconds
     if len(job.recordings) < 2 or limit == 0.0:
         return {}
-    opener = partial(open_simulator, engine=job.engine, workers=job.options.workers)
+    opener = partial(open_simulator, workers=job.options.workers)
     rng = np.random.default_rng([job.options.seed, 7])
     entry: Json = {}
     try:
@@ -238,7 +238,7 @@ def preamble(job: Job, command: str) -> Json:
             "name": job.name,
             "fmu_sha256": job.model.sha256,
             "exporter": "Modelica source" if job.modelica else "FMU given",
-            "engine": job.engine,
+            "engine": job.config.solver.engine,
         },
         "recordings": [
             *(recording_row(recording, "train") for recording in job.recordings),

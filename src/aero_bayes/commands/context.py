@@ -195,7 +195,7 @@ def resumable(job: Job, command: str) -> Iterator[Checkpoint]:
     path = options.out / CHECKPOINT
     data = [recording.to_dict() for recording in job.read]
     settings = job.config.model_dump(exclude={"posterior": True, "loop": {"max_minutes"}})
-    identity = digest(command, versions(), options.seed, job.engine, job.model.sha256, data, settings)
+    identity = digest(command, versions(), options.seed, job.config.solver.engine, job.model.sha256, data, settings)
     with one_run_at_a_time(options.out):
         if not options.resume:
             path.unlink(missing_ok=True)

@@ -53,7 +53,7 @@ def run_design(files: Sequence[Path], options: RunOptions, wanted: DesignOptions
                 "duration": wanted.duration,
                 "rate_hz": wanted.rate_hz,
                 "limits": Limits(wanted.amplifier or usual.amplifier, {**usual.travel, **(wanted.travel or {})}),
-                "settings": SearchSettings(seed=options.seed, engine=job.engine),
+                "settings": SearchSettings(seed=options.seed),
                 "workers": options.workers,
                 "progress": progress,
             }

@@ -22,7 +22,7 @@ from aero_bayes.estimate.parameters import ParameterSet, ParameterSpec, paramete
 from aero_bayes.estimate.priors import LogNormal, LogUniform, Normal, Prior, Uniform
 from aero_bayes.files import one_run_at_a_time, write_whole
 from aero_bayes.modelica.library import declaration_of
-from aero_bayes.simulation.interface import Engine, SolverSettings
+from aero_bayes.simulation.interface import SolverSettings
 from aero_bayes.simulation.load_model import load_model, with_units
 from aero_bayes.simulation.model import Model, ModelicaSource
 
@@ -39,7 +39,6 @@ class RunOptions:
     config: Path | Config | None = None
     seed: int = 1
     workers: int | None = None
-    engine: Engine | None = None
     resume: bool = False
     quiet: bool = False
     posterior: bool = False
@@ -66,11 +65,6 @@ class Job:
     read: tuple[Recording, ...] = ()
     values: Mapping[str, tuple[ListedValue, ...]] = field(default_factory=dict)
     validation: tuple[Recording, ...] = ()
-
-    @property
-    def engine(self) -> Engine:
-        """Which simulator runs."""
-        return self.options.engine or self.config.solver.engine
 
     @property
     def solver(self) -> SolverSettings:

@@ -59,7 +59,7 @@ def fit_settings(job: Job) -> FitSettings:
     )
     stages = tuple(Stage(**s.model_dump()) for s in section.stages) if section.stages else None
     settings = FitSettings(
-        noise=_noise(job), engine=job.engine, fixed=job.fixed, values=job.values,
+        noise=_noise(job), fixed=job.fixed, values=job.values,
         calibration=filled(calibration, section),
     )  # fmt: skip
     return replace(filled(filled(settings, section.local), section), stages=stages)
@@ -153,8 +153,6 @@ def loop_settings(job: Job) -> LoopSettings:
 
 
 def _check(settings: FitSettings) -> None:
-    if settings.engine != "native":
-        raise InputError(f"the loop needs the native engine, not {settings.engine}")
     if settings.cost != "posterior":
         raise InputError(f'the loop fits by the posterior: [fit] cost is "{settings.cost}", expected "posterior"')
     if settings.method == "pso":
@@ -255,7 +253,7 @@ def profile_part(job: Job, found: Fit, progress: ProgressBar) -> Json:
     skipped: list[str] = []
     with (
         threadpool_limits(limits=1, user_api="blas"),
-        open_simulator(found.calibration.problem(), job.engine, job.options.workers) as simulator,
+        open_simulator(found.calibration.problem(), job.options.workers) as simulator,
     ):
         for k, name in enumerate(names):
             if profiles and (time.perf_counter() - began) * (k + 1) / k > PROFILE_TIME_LIMIT:

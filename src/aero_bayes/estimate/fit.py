@@ -171,7 +171,7 @@ class _Request:
         from aero_bayes.simulation.engines import open_simulator
 
         count = self.workers if workers is None else workers
-        return open_simulator(problem, engine=self.settings.engine, workers=count, pool=pool)
+        return open_simulator(problem, count, pool)
 
     def calibration(self, recordings: Sequence[Recording], model: Model, fixed: Mapping[str, float]) -> Calibration:
         """Combine recordings and a model."""

@@ -20,7 +20,6 @@ from aero_bayes.progress import Progress, Watched
 from aero_bayes.simulation.engines import open_simulator
 from aero_bayes.simulation.interface import (
     DelayTarget,
-    Engine,
     Experiment,
     InputSignal,
     ParameterTarget,
@@ -79,12 +78,11 @@ class ExperimentPredictor:
         fit: Fit,
         time: FloatArray,
         limits: Limits,
-        engine: Engine = "native",
         workers: int | None = None,
         pool: WorkerPool | None = None,
     ) -> None:
         self.fit, self.full_time, self.limits = fit, time, limits
-        self._run_by = engine, workers, pool
+        self._run_by = workers, pool
         calibration, measured = fit.calibration, fit.calibration.data.outputs
         inputs = {signal.name for e in calibration.data.experiments for signal in e.inputs}
         if len(inputs) != 1:
@@ -200,14 +198,13 @@ def staircase(u: FloatArray, time: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True)
 class SearchSettings:
-    """Effort: candidates at the start, rounds of refinement, candidates a round. ``engine`` is what simulates them."""
+    """Effort: candidates at the start, rounds of refinement, candidates a round."""
 
     start: int = 16
     rounds: int = 6
     candidates: int = 12
     spread: float = 0.25
     seed: int = 1
-    engine: Engine = "native"
 
 
 def best_signal(

@@ -23,7 +23,7 @@ from aero_bayes.estimate.noise import NoiseModel
 from aero_bayes.estimate.objective import Objective
 from aero_bayes.estimate.parameters import ParameterSet
 from aero_bayes.estimate.swarm import SwarmSettings
-from aero_bayes.simulation.interface import DelayTarget, Engine
+from aero_bayes.simulation.interface import DelayTarget
 
 
 class Stop(Enum):
@@ -414,7 +414,6 @@ class FitSettings(SettingsDisplay):
         Particles that the local search starts from, besides the starting values.
     calibration : CalibrationSettings
     noise : NoiseModel
-    engine : {"native", "fmpy"}
     fixed : mapping of str to float
         Model parameters held at other values than the model's own.
     values : mapping of str to sequence
@@ -438,7 +437,6 @@ class FitSettings(SettingsDisplay):
     starts: Count = 3
     calibration: CalibrationSettings = field(default_factory=CalibrationSettings)
     noise: NoiseModel = field(default_factory=NoiseModel)
-    engine: Engine = "native"
     fixed: Mapping[str, float] = field(default_factory=dict)
     values: Mapping[str, Sequence[ListedValue]] = field(default_factory=dict)
 

@@ -282,7 +282,6 @@ class FittedPredictor:
     free: tuple[int, ...]
     noise: Mapping[str, OutputNoise]
     band_factors: FloatArray
-    engine: str
 
     def predict(
         self,
@@ -294,7 +293,7 @@ class FittedPredictor:
     ) -> RecordingPrediction:
         """Predict readings of a recording for draws of free and noise parameters."""
         calibration, free = self.calibration, len(self.free)
-        recording, opened = as_recording(inputs, calibration), opener(self.engine, workers)
+        recording, opened = as_recording(inputs, calibration), opener(workers)
         values = np.tile(self.values, (1 + len(points), 1))
         values[1:, list(self.free)] = points[:, :free]
         whole, rows = on_recordings(calibration, values, [recording], self.noise, opened)

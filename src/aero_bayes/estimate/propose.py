@@ -189,7 +189,7 @@ def propose_experiment(
     limits, settings = limits or default_limits(fit), settings or SearchSettings()
     time = _sample_times(fit, duration, rate_hz)
     with WorkerPool(workers) as pool:
-        predictor = ExperimentPredictor(fit, time, limits, settings.engine, workers, pool)
+        predictor = ExperimentPredictor(fit, time, limits, workers, pool)
         return _narrowing(predictor, _targets(fit, predictor.shared, targets), settings, progress)
 
 
@@ -227,7 +227,7 @@ def expected_outputs(
     proposal: Design, fit: Fit, settings: SearchSettings, workers: int | None
 ) -> dict[str, FloatArray]:
     """Return what a fit expects of a proposal, without sensor noise: 5 %, 50 % and 95 % (3, n) over its posterior."""
-    predictor = ExperimentPredictor(fit, proposal.time, proposal.limits, settings.engine, workers)
+    predictor = ExperimentPredictor(fit, proposal.time, proposal.limits, workers)
     runs = predictor.runs(proposal.values, predictor.draws(40, np.random.default_rng(settings.seed)), proposal.time)
     usable = runs.outputs[0][runs.outcomes[:, 0] == 0]
     if not len(usable):

@@ -395,10 +395,7 @@ class Fit(OtherTools, HasPage):
         >>> pushed.rows, list(pushed.outputs)
         (201, ['position'])
         """
-        return simulate(
-            self.calibration, self.values, inputs, self.noise, parameters=parameters, start=start,
-            engine=self.settings.engine,
-        )  # fmt: skip
+        return simulate(self.calibration, self.values, inputs, self.noise, parameters=parameters, start=start)
 
     @cached_property
     def predictor(self) -> FittedPredictor:
@@ -412,7 +409,7 @@ class Fit(OtherTools, HasPage):
         covariance = self.laplace.covariance[: len(self.free), : len(self.free)]
         left = [y - f for y, f in zip(self.calibration.data.raw_readings, self.fitted, strict=True)]
         factors = band_factors(self.calibration, self.series, self.optimum, covariance, left)
-        return FittedPredictor(self.calibration, self.values, self.free, self.noise, factors, self.settings.engine)
+        return FittedPredictor(self.calibration, self.values, self.free, self.noise, factors)
 
     def _parameter_draws(self, draws: int, seed: int) -> FloatArray:
         return parameter_draws(self.laplace, self.calibration.parameters, self.values, self.free, draws, seed)

@@ -93,11 +93,10 @@ def sample(
     if settings.ensembles < 4:
         raise InputError(f"chains: {settings.ensembles} chains cannot be held against each other; expected 4 or more")
     fit = fit_of(fit)
-    engine = fit.settings.engine
     with ExitStack() as stack:
         # Simulations occupy every core; BLAS threads for matrices of a dozen rows would only fight them for it.
         stack.enter_context(threadpool_limits(limits=1, user_api="blas"))
-        simulator = stack.enter_context(open_simulator(fit.calibration.problem(), engine=engine, workers=workers))
+        simulator = stack.enter_context(open_simulator(fit.calibration.problem(), workers))
         return _sample(fit, settings, seed, checkpoint, stack.enter_context(watching(progress)), simulator)
 
 

@@ -279,19 +279,19 @@ def beginnings(whole: Calibration, rows: Sequence[int]) -> Calibration:
     return replace(whole, data=whole.data.with_experiments(experiments))
 
 
-def opener(engine: str, workers: int | None = 0) -> Callable[[Problem], Simulator]:
-    """Return what opens simulators of the engine by which a fit was made; its results are the same by any of C."""
-    return lambda problem: open_simulator(problem, "fmpy" if engine == "fmpy" else "native", workers)
+def opener(workers: int | None = 0) -> Callable[[Problem], Simulator]:
+    """Return what opens simulators with so many workers."""
+    return lambda problem: open_simulator(problem, workers)
 
 
 def simulate(
     calibration: Calibration, values: FloatArray, inputs: Recording | Mapping[str, ArrayLike],
     noise: Mapping[str, OutputNoise], *, parameters: Mapping[str, float] | None = None,
-    start: Mapping[str, float] | None = None, engine: str = "native",
+    start: Mapping[str, float] | None = None,
 ) -> Recording:  # fmt: skip
     """Simulate a model with fitted values (p,) on inputs; :meth:`aero_bayes.Fit.simulate` says how."""
     recording, model = as_recording(inputs, calibration), calibration.model
-    whole, rows = on_recordings(calibration, values[np.newaxis], [recording], noise, opener(engine))
+    whole, rows = on_recordings(calibration, values[np.newaxis], [recording], noise, opener())
     columns: dict[ProblemTarget, FloatArray] = {p.target: rows[:, j] for j, p in enumerate(whole.parameters)}
     (experiment,), fixed = whole.data.experiments, dict(whole.fixed)
     for name, value in (parameters or {}).items():
@@ -307,7 +307,7 @@ def simulate(
     kept = {name: value for name, value in experiment.known.items() if name not in (parameters or {})}
     experiment = replace(experiment, known=kept)
     problem = replace(whole.problem(), experiments=(experiment,), targets=(tuple(columns),), fixed=fixed)
-    with opener(engine)(problem) as simulator:
+    with open_simulator(problem, 0) as simulator:
         found = simulator.simulate(np.column_stack(list(columns.values())) if columns else np.empty((1, 0)))
     outcome = Outcome(int(found.outcomes[0, 0]))
     if outcome is not Outcome.OK:

@@ -63,7 +63,7 @@ def store(fit: Fit, folder: Path) -> None:
         "units": [dict(r.units) for r in data.recordings], "known": [dict(r.known) for r in data.recordings],
         "start": [dict(e.start) for e in data.experiments],
         "interpolation": [{s.name: s.interpolation for s in e.inputs} for e in data.experiments],
-        "fixed": calibration.fixed, "solver": asdict(calibration.solver), "engine": predictor.engine,
+        "fixed": calibration.fixed, "solver": asdict(calibration.solver),
         "noise": {o: asdict(n) for o, n in fit.noise.items()}, "laplace": fit.laplace.names,
         "settings": {**vars(calibration.settings), "solver": {}},
         "model": calibration.model.name, "free": fit.free, "parameters": [_told(p) for p in calibration.parameters],
@@ -129,5 +129,5 @@ def _fit(told: Mapping[str, Any], arrays: Mapping[str, FloatArray], model: Model
     noise = {o: OutputNoise(**n) for o, n in told["noise"].items()}
     free, names = tuple(told["free"]), tuple(told["laplace"])
     factors = arrays["band_factors"]
-    predictor = FittedPredictor(calibration, arrays["values"], free, noise, factors, told["engine"])
+    predictor = FittedPredictor(calibration, arrays["values"], free, noise, factors)
     return StoredFit(predictor, Laplace(names, arrays["mean"], arrays["covariance"], len(free)))

@@ -138,7 +138,7 @@ class RunDirectory(HasPage):
         ['position']
         """
         p = self._fit.predictor
-        return simulate(p.calibration, p.values, inputs, p.noise, parameters=parameters, start=start, engine=p.engine)
+        return simulate(p.calibration, p.values, inputs, p.noise, parameters=parameters, start=start)
 
     @cached_property
     def _fit(self) -> StoredFit:

@@ -26,18 +26,7 @@ MAX_ROWS = 16384
 
 @dataclass(frozen=True)
 class Block:
-    """Views into the shared memory, valid until the pool's lock is released."""
-
-    result: FloatArray
-    outcomes: NDArray[np.uint8]
-    steps: NDArray[np.int64]
-    outputs: list[FloatArray]
-    sensitivities: list[FloatArray]
-
-
-@dataclass(frozen=True)
-class _JobLayout:
-    """Where the parts of a job lie in the shared memory, kept from call to call."""
+    """A job in the shared memory, kept from call to call: its parts are valid until the pool's lock is released."""
 
     key: tuple[int, int, int, bool, int]
     memory: NDArray[np.uint8]
@@ -47,7 +36,11 @@ class _JobLayout:
     values: FloatArray
     columns: NDArray[np.int64]
     noise: FloatArray
-    block: Block
+    result: FloatArray
+    outcomes: NDArray[np.uint8]
+    steps: NDArray[np.int64]
+    outputs: list[FloatArray]
+    sensitivities: list[FloatArray]
 
 
 class Batches:
@@ -57,7 +50,7 @@ class Batches:
         self.problem = problem
         self.pool = pool
         self.path = path
-        self._job_layout: _JobLayout | None = None
+        self._block: Block | None = None
 
     def _shapes(self, mode: int) -> list[tuple[int, int]]:
         """Samples of each experiment, and what is given for each of them; nothing by sample in reduced modes."""
@@ -107,23 +100,23 @@ class Batches:
         noise_size = 0 if noise is None else noise[0].size * (len(noise) if varies else 1)
         key = mode, len(values), len(columns), varies, noise_size
         self.pool.reserve(0)  # after a fork the memory is another
-        layout = self._job_layout
-        if layout is None or layout.key != key or layout.memory is not self.pool.group.memory:
-            layout = self._job_layout = self._lay_out(key, values.shape[1])
-        layout.header[:] = layout.words  # another simulator of the pool may have used this memory since
-        layout.values[:] = values
-        layout.columns[:] = columns
+        block = self._block
+        if block is None or block.key != key or block.memory is not self.pool.group.memory:
+            block = self._block = self._lay_out(key, values.shape[1])
+        block.header[:] = block.words  # another simulator of the pool may have used this memory since
+        block.values[:] = values
+        block.columns[:] = columns
         if noise is not None:
-            layout.noise[:] = noise.ravel() if varies else noise[0].ravel()
-        layout.block.outcomes[:] = TODO
-        outcomes = layout.block.outcomes.reshape(-1)
+            block.noise[:] = noise.ravel() if varies else noise[0].ravel()
+        block.outcomes[:] = TODO
+        outcomes = block.outcomes.reshape(-1)
         try:
-            self.pool.run(self.path, layout.job, outcomes, self.problem.settings.time_limit, self.problem.model.sha256)
+            self.pool.run(self.path, block.job, outcomes, self.problem.settings.time_limit, self.problem.model.sha256)
         except LoadError as error:
             raise InputError(f"{self.problem.model.path}: its binary cannot be loaded: {error}") from None
-        return layout.block
+        return block
 
-    def _lay_out(self, key: tuple[int, int, int, bool, int], p: int) -> _JobLayout:
+    def _lay_out(self, key: tuple[int, int, int, bool, int], p: int) -> Block:
         mode, n, q, varies, noise_size = key
         problem = self.problem
         experiments = len(problem.experiments)
@@ -154,22 +147,11 @@ class Batches:
         for e, (a, b) in enumerate(shapes):
             job += [at[7 + e], a * b, at[last + e], a * b * q]
         job += [0] * (header - len(job))
-        block = Block(
-            words(6).reshape(n, experiments, stride),
+        return Block(
+            key, memory, at[0], np.array(job, dtype=np.int64), words(0, np.int64), words(1).reshape(n, p),
+            words(3, np.int64), words(2), words(6).reshape(n, experiments, stride),
             memory[at[4] : at[4] + n * experiments].reshape(n, experiments),
             words(5, np.int64).reshape(n, experiments),
             [words(7 + e).reshape(n, a, b) for e, (a, b) in enumerate(shapes)],
             [words(last + e).reshape(n, a, b, q) for e, (a, b) in enumerate(shapes)],
-        )
-        job_words = np.array(job, dtype=np.int64)
-        return _JobLayout(
-            key,
-            memory,
-            at[0],
-            job_words,
-            words(0, np.int64),
-            words(1).reshape(n, p),
-            words(3, np.int64),
-            words(2),
-            block,
-        )
+        )  # fmt: skip

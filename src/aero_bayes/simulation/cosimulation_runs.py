@@ -1,4 +1,4 @@
-"""FMUs as FMPy loads them, FMI 3.0 under the names of FMI 2.0; runs of co-simulation inside a worker process."""
+"""FMUs that have co-simulation only: FMPy runs them in worker processes, in place of the compiled engine."""
 
 from __future__ import annotations
 
@@ -7,31 +7,36 @@ import ctypes
 import os
 import pickle
 import time as clock
+import warnings
 from dataclasses import dataclass
 from enum import Enum
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from fmpy import calloc, free
 from fmpy.fmi1 import FMICallException
-from fmpy.fmi2 import (
-    FMU2Model,
-    FMU2Slave,
-    fmi2CallbackAllocateMemoryTYPE,
-    fmi2CallbackFreeMemoryTYPE,
-    fmi2CallbackFunctions,
-    fmi2CallbackLoggerTYPE,
-)
-from fmpy.fmi3 import FMU3Model, FMU3Slave
+from fmpy.fmi2 import FMU2Slave
+from fmpy.fmi3 import FMU3Slave
 
 from aero_bayes.arrays import FloatArray
-from aero_bayes.simulation.interface import InputSignal, Outcome, Problem
+from aero_bayes.errors import InputError
+from aero_bayes.simulation.batches import Batches
+from aero_bayes.simulation.interface import DelayTarget, InputSignal, Outcome, Problem, StartTarget, Trajectories
 from aero_bayes.simulation.model_description import ModelDescription, Variable
-from aero_bayes.simulation.problem_checks import linear_signals, parameters_of_run, signal_values, signals_of_run
+from aero_bayes.simulation.problem_checks import (
+    DifferencedRuns,
+    check_problem,
+    linear_signals,
+    parameters_of_run,
+    signal_values,
+    signals_of_run,
+)
 from aero_bayes.simulation.worker_group import LoadError
 from aero_bayes.simulation.worker_main import JOB_WORDS, NOT_LOADED, SPENT
+from aero_bayes.simulation.workers import WorkerPool
 
+MAX_SUBSTEPS = 64
+_STEP_ERROR_GOAL = 1e-5  # of an output's range, between a step and its halves
 LAST_STEP = 1e-3  # of a sampling interval, where an input moves linearly
 STEP_SHARE = 1e-6  # of a step: samples that are so near to its end are there
 _TOTAL, _EXPERIMENTS, _P, _VALUES, _OUTCOME, _TABLE = map(
@@ -39,39 +44,27 @@ _TOTAL, _EXPERIMENTS, _P, _VALUES, _OUTCOME, _TABLE = map(
 )
 
 
-class _Fmi2Names:
-    """The methods of FMI 2.0 that have another name in FMI 3.0."""
+class _Slave3(FMU3Slave):  # type: ignore[misc]
+    """FMI 3.0 under the names of FMI 2.0."""
 
     def setupExperiment(self, startTime: float = 0.0) -> None:
         self._begin = startTime
 
     def enterInitializationMode(self) -> None:
-        super().enterInitializationMode(startTime=self._begin)  # type: ignore[misc]
+        super().enterInitializationMode(startTime=self._begin)
 
     def setReal(self, references: list[int], values: list[float]) -> None:
-        self.setFloat64(references, values)  # type: ignore[attr-defined]
+        self.setFloat64(references, values)
 
     def getReal(self, references: list[int]) -> Any:
-        return self.getFloat64(references)  # type: ignore[attr-defined]
+        return self.getFloat64(references)
 
     def getInteger(self, references: list[int]) -> Any:
-        return self.getInt32(references)  # type: ignore[attr-defined]
+        return self.getInt32(references)
 
     def setInteger(self, references: list[int], values: list[int]) -> None:
-        self.setInt32(references, values)  # type: ignore[attr-defined]
+        self.setInt32(references, values)
 
-    def newDiscreteStates(self) -> Any:
-        return self.updateDiscreteStates()  # type: ignore[attr-defined]
-
-    def getDerivatives(self, pointer: Any, size: int) -> None:
-        self.getContinuousStateDerivatives(pointer, size)  # type: ignore[attr-defined]
-
-
-class _Model3(_Fmi2Names, FMU3Model):  # type: ignore[misc]
-    pass
-
-
-class _Slave3(_Fmi2Names, FMU3Slave):  # type: ignore[misc]
     def doStep(self, time: float, step: float) -> None:
         _, stop, early, reached = super().doStep(time, step)
         if stop or (early and reached < time + step):
@@ -90,13 +83,11 @@ def set_input(fmu: Any, variable: Variable, value: float) -> None:
 
 
 def open_fmu(model: ModelDescription, folder: Path) -> Any:
-    """Load and instantiate a model unpacked into a folder; what it logs goes nowhere."""
-    slave = model.interface == "co-simulation"
-    kind = {(2, False): FMU2Model, (2, True): FMU2Slave, (3, False): _Model3, (3, True): _Slave3}
+    """Load and instantiate a model unpacked into a folder; what it logs goes nowhere, as a worker prints nothing."""
     path = str(model.binary_in(folder))
     try:
         with contextlib.chdir("."):  # FMPy stays in the binary's folder where loading fails
-            fmu = kind[model.fmi_version, slave](
+            fmu = {2: FMU2Slave, 3: _Slave3}[model.fmi_version](
                 guid=model.guid,
                 unzipDirectory=str(folder),
                 modelIdentifier=model.identifier,
@@ -108,14 +99,7 @@ def open_fmu(model: ModelDescription, folder: Path) -> Any:
         if not isinstance(reason, OSError | AttributeError):
             raise
         raise LoadError(str(reason).removeprefix(f"{path}: ")) from error
-    if model.fmi_version == 3:
-        fmu.instantiate(logMessage=lambda *_: None)
-        return fmu
-    callbacks = fmi2CallbackFunctions()
-    callbacks.logger = fmi2CallbackLoggerTYPE(lambda *_: None)
-    callbacks.allocateMemory = fmi2CallbackAllocateMemoryTYPE(calloc)
-    callbacks.freeMemory = fmi2CallbackFreeMemoryTYPE(free)
-    fmu.instantiate(callbacks=callbacks)
+    fmu.instantiate()
     return fmu
 
 
@@ -320,6 +304,96 @@ class CosimulationEngine:
     def ab_load_error(self, runs: CosimulationRuns) -> bytes:
         """Why the FMU could not be loaded."""
         return runs.load_error.encode()
+
+
+class CosimulationSimulator(DifferencedRuns):
+    """Runs a problem whose model has co-simulation only."""
+
+    relative_step, delay_step = 1e-3, 0.0  # the FMU's solver is no smoother than that
+
+    def __init__(self, problem: Problem, workers: int | None = None) -> None:
+        _check(problem)
+        self.problem = problem
+        self.pool = WorkerPool(None if workers is None else max(1, workers), engine=CosimulationEngine)
+        self.substeps = 0
+        self._batches: Batches | None = None
+        warnings.warn(
+            f"{problem.model.path.name} has co-simulation only: its own solver runs it, slowly; sensitivities are "
+            "differences of whole runs, initial states cannot be set (Model Exchange has none of these limits)",
+            stacklevel=3,
+        )
+        model, late = problem.model, {s.name for e in problem.experiments for s in linear_signals(e.inputs)}
+        if late and not (model.takes_any_step or model.interpolates_inputs):
+            warnings.warn(
+                f"{model.path.name} takes steps of one size and no slopes of its inputs: an output that "
+                f"{', '.join(sorted(late))} feeds directly is half a sampling interval late",
+                stacklevel=3,
+            )
+
+    def close(self) -> None:
+        """Stop the workers and free the model."""
+        self.pool.close()
+
+    def _open(self, substeps: int) -> Batches:
+        path = self.pool.new_path()
+        folder = self.pool.binary(self.problem.model).parents[2]
+        partial = path.with_suffix(".part")
+        partial.write_bytes(pickle.dumps((self.problem, folder, substeps)))
+        os.replace(partial, path)
+        return Batches(self.problem, self.pool, path)
+
+    def _settle(self, values: FloatArray) -> Batches:
+        """Halve the communication steps until that changes nothing that matters."""
+        if self._batches is not None:
+            return self._batches
+        coarse, change = self._open(1), np.inf
+        before = coarse.trajectories(values[:1])
+        self.substeps = 1
+        while self.problem.model.takes_any_step and 2 * self.substeps <= MAX_SUBSTEPS:
+            fine = self._open(2 * self.substeps)
+            after = fine.trajectories(values[:1])
+            change = _largest_change(before, after)
+            if not change > _STEP_ERROR_GOAL:  # or every run failed
+                break
+            self.pool.forget(coarse.path)
+            coarse, before, self.substeps = fine, after, 2 * self.substeps
+        if np.isfinite(change) and change > _STEP_ERROR_GOAL:
+            warnings.warn(
+                f"{self.problem.model.path.name}: halving the communication step still changes its outputs by "
+                f"{change:.1e} of their range: its solver is not accurate",
+                stacklevel=3,
+            )
+        if np.all(before.outcomes == Outcome.OK):
+            self._batches = coarse
+        return coarse
+
+    def outputs(self, values: FloatArray) -> Trajectories:
+        """Simulate checked values."""
+        return self._settle(values).trajectories(values)
+
+
+def _largest_change(before: Trajectories, after: Trajectories) -> float:
+    """Over all outputs, in units of their range; 0 where a run failed."""
+    if np.any(before.outcomes != Outcome.OK) or np.any(after.outcomes != Outcome.OK):
+        return 0.0
+    changes = [
+        float(np.max(np.abs(a - b) / (np.ptp(b, axis=1, keepdims=True) + 1e-300)))
+        for a, b in zip(before.outputs, after.outputs, strict=True)
+        if a.size
+    ]
+    return max(changes, default=0.0)
+
+
+def _check(problem: Problem) -> None:
+    model = problem.model
+    for experiment, row in zip(problem.experiments, problem.targets, strict=False):
+        if experiment.start or any(isinstance(target, StartTarget) for target in row):
+            raise InputError(f"{model.path}: has co-simulation only, which lets no initial state be set")
+        if model.takes_any_step:
+            continue
+        if any(isinstance(target, DelayTarget) for target in row):
+            raise InputError(f"{model.path}: takes steps of one size only: an input delay needs others")
+    check_problem(problem)
 
 
 def equal_steps(samples: FloatArray, step: float) -> FloatArray:

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 
 from aero_bayes.arrays import FloatArray
 from aero_bayes.errors import InputError
-from aero_bayes.simulation.interface import Outcome, Problem, SolverSettings
+from aero_bayes.simulation.interface import Outcome, Problem
 from aero_bayes.simulation.model import Model
 from aero_bayes.simulation.model_description import Variable
 from aero_bayes.simulation.problem_checks import (
@@ -100,7 +100,8 @@ class FunctionSimulator(SingleRuns):
         self._model = cast(FunctionModel, problem.model)
         self._defaults = {v.name: v.start or 0.0 for v in self._model.parameters}
 
-    def _run(self, number: int, values: FloatArray, settings: SolverSettings) -> tuple[FloatArray, Outcome]:
+    def run_once(self, number: int, values: FloatArray) -> tuple[FloatArray, Outcome]:
+        """Simulate one experiment at one parameter vector (p,)."""
         experiment, row = self.problem.experiments[number], self.problem.targets[number]
         parameters = self._defaults | parameters_of_run(self.problem, number, values)
         inputs = {signal.name: partial(signal_values, signal) for signal in signals_of_run(experiment, row, values)}

@@ -1,4 +1,4 @@
-"""The contract between the engines and everything that simulates; likelihoods and smoothed states from results."""
+"""The contract between the simulators and everything that simulates; smoothed states from results."""
 
 from __future__ import annotations
 
@@ -19,7 +19,6 @@ NORMAL_HALF_WIDTH = 1.6448536269514722
 
 
 Interpolation = Literal["hold", "linear"]
-Engine = Literal["native", "fmpy"]
 
 
 class Outcome(IntEnum):

@@ -8,7 +8,6 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from itertools import accumulate
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -227,16 +226,12 @@ class NativeSimulator(ClosedAtExit):
             raise InputError(f"{problem.model.path}: has no Model Exchange, which the native engine needs")
         check_problem(problem)
         self.problem = problem
-        self._workers = workers
         self._owns_pool = pool is None
         self.pool = WorkerPool(workers) if pool is None else pool
         self._path = self.pool.new_path()
         write_problem(problem, self.pool.binary(problem.model), self._path)
         self._batches = Batches(problem, self.pool, self._path)
         self._closed = False
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return type(self), (self.problem, self._workers)
 
     def _open_batches(self) -> Batches:
         if self._closed:

@@ -22,7 +22,6 @@ from aero_bayes.simulation.interface import (
     ProblemTarget,
     ProcessNoise,
     ReadingNoiseTarget,
-    SolverSettings,
     StartTarget,
     Trajectories,
 )
@@ -183,64 +182,69 @@ def signal_values(signal: InputSignal, time: ArrayLike) -> FloatArray:
     return np.asarray(signal.values[np.maximum(cell, 0)])
 
 
-def value_at(signal: InputSignal, t: float, segment: float) -> float:
-    """Value at t within the segment that starts at `segment` (which decides on the side of a jump)."""
-    return float(signal_values(signal, t if signal.interpolation == "linear" else segment))
-
-
 def linear_signals(signals: tuple[InputSignal, ...]) -> tuple[InputSignal, ...]:
     """Return those that are interpolated linearly."""
     return tuple(signal for signal in signals if signal.interpolation == "linear")
 
 
-#: Step of a central difference relative to the value; runs of a solver are computed at tolerances this much tighter.
-RELATIVE_STEP, TIGHTER, TIGHTEST = 1e-4, 1e-3, 1e-12
 #: What a step in a delay is relative to, in s.
 DELAY_SIZE = 0.1
 
 
-class SingleRuns(ClosedAtExit):
-    """A :class:`Simulator` that does one run after the other, in this process; slopes are central differences."""
+class DifferencedRuns(ClosedAtExit):
+    """A :class:`Simulator` whose slopes are central differences of whole runs."""
 
     problem: Problem
+    #: Step of a difference relative to the value, and that of a delay in s where it is not relative.
+    relative_step, delay_step = 1e-4, 1e-4 * DELAY_SIZE
 
-    def _run(self, number: int, values: FloatArray, settings: SolverSettings) -> tuple[FloatArray, Outcome]:
-        """Simulate one experiment at one parameter vector (p,): outputs (n, m), NaN where the run fails."""
+    def outputs(self, values: FloatArray) -> Trajectories:
+        """Simulate checked values; failed runs hold NaN."""
         raise NotImplementedError
 
     def simulate(self, values: FloatArray, *, active: Sequence[int] | None = None) -> Trajectories:
-        """Compute trajectories; with ``active`` also sensitivities to those columns. See :class:`Simulator`."""
+        """Trajectories; with ``active`` also differences for those columns. See :class:`Simulator`."""
         values = check_values(self.problem, values)
         columns = check_active(self.problem, active if active is not None else [])
+        found = self.outputs(values)
+        if active is None:
+            return found
+        slopes = tuple(np.zeros((*out.shape, len(columns))) for out in found.outputs)
+        outcomes = found.outcomes.copy()
+        for place, column in enumerate(columns.tolist()):
+            targets = [row[column] for row in self.problem.targets]
+            scale = max(target_scale(self.problem.model, target) for target in targets)
+            step = self.relative_step * np.where(values[:, column] != 0.0, np.abs(values[:, column]), scale)
+            if self.delay_step and any(isinstance(target, DelayTarget) for target in targets):
+                step[:] = self.delay_step
+            sides = np.repeat(values, 2, axis=0)
+            sides[0::2, column] += step
+            sides[1::2, column] -= step
+            ran = self.outputs(sides)
+            outcomes = np.where(outcomes == Outcome.OK, np.maximum(ran.outcomes[0::2], ran.outcomes[1::2]), outcomes)
+            for e, out in enumerate(ran.outputs):
+                if targets[e] is not None:
+                    slopes[e][..., place] = (out[0::2] - out[1::2]) / (2.0 * step)[:, None, None]
+        for e, out in enumerate(found.outputs):
+            out[outcomes[:, e] != Outcome.OK] = np.nan
+        return Trajectories(found.outputs, slopes, outcomes)
+
+
+class SingleRuns(DifferencedRuns):
+    """One that does one run after the other, in this process."""
+
+    def run_once(self, number: int, values: FloatArray) -> tuple[FloatArray, Outcome]:
+        """Simulate one experiment at one parameter vector (p,): outputs (n, m), NaN where the run fails."""
+        raise NotImplementedError
+
+    def outputs(self, values: FloatArray) -> Trajectories:
+        """Simulate checked values."""
         experiments = self.problem.experiments
         outcomes = np.zeros((len(values), len(experiments)), dtype=np.uint8)
         outputs = tuple(np.empty((len(values), e.time.size, len(e.outputs))) for e in experiments)
-        slopes = tuple(np.full((*out.shape, len(columns)), np.nan) for out in outputs)
         for i, e in np.ndindex(outcomes.shape):
-            outputs[e][i], outcomes[i, e] = self._run(e, values[i], self.problem.settings)
-            if outcomes[i, e] == Outcome.OK:
-                for place, column in enumerate(columns.tolist()):
-                    slopes[e][i, ..., place] = self._slope(e, values[i], column)
-        return Trajectories(outputs, slopes if active is not None else None, outcomes)
-
-    def _slope(self, number: int, values: FloatArray, column: int) -> FloatArray:
-        problem = self.problem
-        experiment, target = problem.experiments[number], problem.targets[number][column]
-        if target is None:
-            return np.zeros((experiment.time.size, len(experiment.outputs)))
-        settings = replace(
-            problem.settings,
-            relative_tolerance=max(TIGHTEST, TIGHTER * problem.settings.relative_tolerance),
-            absolute_tolerance=max(TIGHTEST, TIGHTER * problem.settings.absolute_tolerance),
-        )
-        size = abs(values[column]) or target_scale(problem.model, target)
-        step = RELATIVE_STEP * (DELAY_SIZE if isinstance(target, DelayTarget) else size)
-        sides = []
-        for sign in (1.0, -1.0):
-            trial = values.copy()
-            trial[column] += sign * step
-            sides.append(self._run(number, trial, settings)[0])
-        return np.asarray((sides[0] - sides[1]) / (2.0 * step))
+            outputs[e][i], outcomes[i, e] = self.run_once(e, values[i])
+        return Trajectories(outputs, None, outcomes)
 
     def close(self) -> None:
         """Free what the simulator holds."""

@@ -19,7 +19,6 @@ import shutil
 import signal
 import subprocess
 import sys
-import sysconfig
 import tempfile
 import time
 from dataclasses import dataclass
@@ -41,13 +40,10 @@ _FIRST_SIZE = 1 << 20
 @cache
 def engine_path() -> Path:
     """Return the compiled engine; CannotFinishError where the package was installed without it."""
-    folder = Path(__file__).parent
-    for name in ("_engine.abi3.so", "_engine" + str(sysconfig.get_config_var("EXT_SUFFIX")), "_engine.so"):
-        if (folder / name).is_file():
-            return folder / name
-    raise CannotFinishError(
-        "the native engine is not compiled: install a C compiler and reinstall the package, or use the engine fmpy"
-    )
+    path = Path(__file__).with_name("_engine.abi3.so")
+    if not path.is_file():
+        raise CannotFinishError("the native engine is not compiled: install a C compiler and reinstall the package")
+    return path
 
 
 class LoadError(InputError):
