@@ -111,7 +111,7 @@ KEYS: Mapping[str, str] = {
     "noise.initial_sd": "with process noise, how far a state's initial value may be off the model's own (standard "
     "deviation)",
     "prediction.max_seconds": "most time, in s; 0 leaves it out",
-    "solver.engine": "simulator: the compiled engine, or FMPy with CVode (slow; the reference)",
+    "solver.engine": "simulator: the compiled engine; no other is left",
     "solver.relative_tolerance": "of the integration",
     "solver.absolute_tolerance": "of the integration, over a state's nominal value",
     "solver.time_limit": "of computing, for one simulation, in s",
