@@ -142,7 +142,6 @@ MISTAKES = {
     "a loop by the swarm": loop('[fit]\nmethod = "pso"', "method"),
     "a loop with process noise that is given": loop("[noise.process]\nposition = 0.1\n[fit]", "process"),
     "a loop with the other engine": loop('[solver]\nengine = "fmpy"\n[fit]', "fmpy"),
-    "a loop with the other engine by an option": Mistake(("fmpy",), f"{LOOP} --engine fmpy"),
     "an aim that is no parameter": typed("design --config rig.toml --data train.csv --aim K", "--aim K", "it has k, d"),
     "a limit of no output": typed("design --config rig.toml --data train.csv --travel yaw=1", "yaw", "position"),
     "a limit below zero": typed("design --config rig.toml --data train.csv --travel position=-1", "positive"),
