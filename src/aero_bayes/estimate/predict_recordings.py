@@ -18,7 +18,7 @@ from aero_bayes.estimate.local_fit import Optimum
 from aero_bayes.estimate.noise import residual_correlation_time
 from aero_bayes.estimate.outliers import outlier_rows
 from aero_bayes.estimate.result import Fit
-from aero_bayes.estimate.simulate import FIRST_ROWS, ModelFamily, beginnings, on_recordings
+from aero_bayes.estimate.simulate import FIRST_ROWS, ModelFamily, Place, beginnings, on_recordings
 from aero_bayes.plain import INTERNAL, Number
 from aero_bayes.simulation.interface import Problem, Simulator
 
@@ -148,11 +148,13 @@ class Predictor:
         Where one of them cannot be simulated, NaN in the test parts, and None where even that fails."""
         everything, count = self.recordings.everything, len(self.recordings.train)
         confirms = [self.recordings.parts_of(r, "validation") for r in everything]
+        places = [
+            Place(k) if k < count else Place(confirming=_rows_until(r, own[-1].end) if own else None)
+            for k, (r, own) in enumerate(zip(everything, confirms, strict=True))
+        ]
         whole, values = on_recordings(
             calibration, calibration.parameters.from_search(fit.coordinates)[np.newaxis], everything, fit.noise,
-            self.open_simulator, family=self.family,
-            fitted=[k if k < count else None for k in range(len(everything))],
-            confirming={k: _rows_until(everything[k], own[-1].end) for k, own in enumerate(confirms) if own},
+            self.open_simulator, family=self.family, places=places,
         )  # fmt: skip
         begins = [next((p.begin for p in self.recordings.parts_of(r, "test")), None) for r in everything]
         for ends in ([None] * len(everything), begins)[: 1 + also_without_test]:

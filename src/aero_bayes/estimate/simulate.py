@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
@@ -56,21 +56,31 @@ class ModelFamily(Protocol):
         """Return a calibration of the base model with an extended one in its place."""
 
 
+@dataclass(frozen=True)
+class Place:
+    """A recording's place among those that were fitted, or how many samples of a new one tell how it starts.
+
+    Where that number is not given, the beginning does."""
+
+    fitted: int | None = None
+    confirming: int | None = None
+
+
 def on_recordings(
     calibration: Calibration, values: FloatArray, recordings: Sequence[Recording], noise: Mapping[str, OutputNoise],
-    open_simulator: OpenSimulator, *, every: bool = False, fitted: Sequence[int | None] | None = None,
-    family: ModelFamily | None = None, confirming: Mapping[int, int] | None = None,
+    open_simulator: OpenSimulator, *, every: bool = False, places: Sequence[Place] | None = None,
+    family: ModelFamily | None = None,
 ) -> tuple[Calibration, FloatArray]:  # fmt: skip
     """Return a calibration on whole recordings, and its values there (n, q) for SI values (n, p), the fit's first.
 
-    One that was ``fitted``, by its place among these or as its hash tells, keeps its own values. Of another one not
-    only the initial state is estimated but ``every`` value that it has alone, where the question is how well it is
-    predicted by what all have in common. The model may be an extended one of a ``family``. ``confirming`` are samples
-    of new recordings, by place, that tell their initial state whatever they hold; of others the beginning does."""
-    if fitted is None:
+    One that was fitted, by its place or as its hash tells, keeps its own values. Of another one not only the initial
+    state is estimated but ``every`` value that it has alone, where the question is how well it is predicted by what all
+    have in common. The model may be an extended one of a ``family``."""
+    if places is None:
         known = [r.sha256 for r in calibration.data.recordings]
-        fitted = [known.index(r.sha256) if r.sha256 in known else None for r in recordings]
-    new = [k for k, place in enumerate(fitted) if place is None]
+        places = [Place(known.index(r.sha256) if r.sha256 in known else None) for r in recordings]
+    fitted = [place.fitted for place in places]
+    new = [k for k, index in enumerate(fitted) if index is None]
     added, hidden = set[str](), False
     if family is None:
         whole = _read_whole(calibration, recordings, calibration.parameters, calibration.model)
@@ -94,9 +104,11 @@ def on_recordings(
         ]  # fmt: skip
     if not estimated:
         return whole, rows
-    confirming = confirming or {}
-    lengths = [confirming.get(k, r.rows) if k in new else FIRST_ROWS for k, r in enumerate(recordings)]
-    short = [k for k in new if k not in confirming]
+    short = [k for k in new if places[k].confirming is None]
+    ends = [
+        r.rows if place.confirming is None else place.confirming for r, place in zip(recordings, places, strict=True)
+    ]
+    lengths = [end if k in new else FIRST_ROWS for k, end in enumerate(ends)]
     found = _with_estimated_starts(whole, rows[0], estimated, lengths, short, noise, open_simulator)
     return whole, np.vstack([found, rows[1:] + (found - rows[0])])
 
