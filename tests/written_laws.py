@@ -60,12 +60,12 @@ def agree(
 ) -> WrittenModel:
     """Write, flatten again, and compare rates and outputs at random points with those of the laws attached."""
     flat = rig(model, *map(str, sources))
-    written = write_laws(sources, model, flat, placed_laws, folder)
+    written = write_laws(sources, model, flat, placed_laws, folder, f"{model.rpartition('.')[2]}WithLaws")
     again = Numbers(explicit(load_flat(written.name, [*sources, written.path])))
     for name in (n for u in placed_laws for n in u.names.values()):
         assert again.b.symbol(name) in again.at
     structure = alias_structure(flat)
-    read = {f"{u.instance}.u": u.port.signals["u"] for u in placed_laws if u.port.attachment == "output"}
+    read = {f"{u.instance}.u": str(u.port.signals["u"]) for u in placed_laws if u.port.attachment == "output"}
 
     def plain(state: str) -> str:
         """What the base calls a state and all that equals it: one on which a law acts has another name."""

@@ -83,12 +83,8 @@ def assert_equal(one, other, tolerance: float = 1e-7) -> float:
 @pytest.mark.parametrize(
     ("rig", "ids"),
     [
-        ("Cart", ["rate_limit@F", "lag@q", "coulomb_friction@v"]),
         ("Cart", ["dead_zone@F", "lag@F", "gain@q", "delay@q", "presliding_friction@v"]),
-        ("Cart", ["rate_limit@F", "load_friction@v", "viscous_friction@v", "gain@q"]),
         ("TankPair", ["overflow@h1", "exchange@h1", "square_loss@h2", "second_storage@h1"]),
-        ("Rlc", ["gain@u", "lag@u_C"]),
-        ("Cart", ["end_stop@v"]),
         ("Shaft.Motor", ["heating@inductor.p"]),
     ],
 )
@@ -171,7 +167,7 @@ def test_a_load_is_the_rest_of_the_balance_and_not_of_the_own_motion_alone(model
     def load(equation: str) -> str:
         source = modelica(SLIDE.replace("m * der(v) = F", equation))
         (port,) = [p for p in LawPlaces("Slide", (source,)).ports if p.id == "v"]
-        return port.signals.get("load", "")
+        return str(port.signals.get("load", ""))
 
     assert load("m * der(v) = F - 2 * v") == "F - 2 * v"
     assert load("der(v) = (F - (v + 1)) / m") == "F - v - 1"

@@ -28,7 +28,7 @@ from aero_bayes.estimate.parameters import Parameter
 from aero_bayes.estimate.priors import Uniform
 from aero_bayes.estimate.result import Fit
 from aero_bayes.files import ScratchFolder
-from aero_bayes.laws.balance import Port, PortKind, port_table, signal_expression
+from aero_bayes.laws.balance import PORT_KINDS, Port, port_table
 from aero_bayes.laws.candidates import identifier
 from aero_bayes.laws.law_places import LawPlaces
 from aero_bayes.laws.probes import with_drive
@@ -53,10 +53,6 @@ from aero_bayes.simulation.workers import WorkerPool
 
 PortRow = dict[str, Any]
 
-#: What a probe has the size of, by the name that laws know it by.
-PROBE_SIZES: Mapping[PortKind, str] = {
-    "input": "u_n", "output": "u_n", "reading": "u_n", "motion": "f_n", "storage": "q_n", "electrical": "v_n",
-}  # fmt: skip
 #: The response of a port is the change of the outputs, in standard deviations of noise, to a probe as large as all else
 #: at the port. Responses from which a term counts as barely visible, and as visible.
 MIN_BARELY_VISIBLE_RESPONSE, MIN_VISIBLE_RESPONSE = 3.0, 30.0
@@ -177,7 +173,7 @@ def _port_responses(family: ModelicaFamily, found: Fit) -> tuple[dict[str, float
     flat, probed = _with_probes(flat, inside, sizes)
     model = Model.load(export_flat(flat, family.folder / "probed.fmu"))
     own = len(found.calibration.parameters)
-    probes = [_probe(name, p, sizes[p.id][PROBE_SIZES[p.kind]]) for p in inside for name in probed[p.id]]
+    probes = [_probe(name, p, sizes[p.id][PORT_KINDS[p.kind].size]) for p in inside for name in probed[p.id]]
     calibration = family.transfer(found.calibration, model)
     calibration = replace(calibration, parameters=calibration.parameters.extended(probes))
     free = found.free
@@ -241,9 +237,9 @@ def _reading_responses(
     rates = [np.gradient(y, s.sampling.time) for s, y in zip(objective.series, predicted, strict=True)]
     rows = [np.zeros((3 * len(ports), rate.size)) for rate in rates]
     for q, port in enumerate(ports):
-        own = [k for k, series in enumerate(objective.series) if series.output == port.signals["u"]]
+        own = [k for k, series in enumerate(objective.series) if series.output == port.signals["u"].first]
         fastest = np.quantile(np.abs(np.concatenate([rates[k] for k in own])), NOMINAL_QUANTILE) if own else 0.0
-        size = sizes[port.id][PROBE_SIZES[port.kind]]
+        size = sizes[port.id][PORT_KINDS[port.kind].size]
         for k in own:
             late = -size / fastest * rates[k] if fastest > 0.0 else np.zeros_like(rates[k])
             rows[k][3 * q : 3 * q + 3] = np.full_like(rates[k], size), predicted[k], late
@@ -276,9 +272,9 @@ def _shapes(port: Port, sizes: Mapping[str, float]) -> list[tuple[str, Expressio
     for signal, variable in port.signals.items():
         if f"{signal}_n" not in sizes:
             continue
-        level = signal_expression(variable)
+        level = variable.expression
         if "h_0" in sizes:
-            zero = signal_expression(port.signals["h_s"]) if "h_s" in port.signals else Number(sizes["h_0"])
+            zero = port.signals["h_s"].expression if "h_s" in port.signals else Number(sizes["h_0"])
             level = Call("-", (level, zero))
         share = Call("/", (level, Number(sizes[f"{signal}_n"])))
         found.append((f"proportional to {variable}", share))

@@ -6,13 +6,13 @@ the states and parameters of its own terms only."""
 
 from __future__ import annotations
 
-import hashlib
-from collections.abc import Callable, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 
 from aero_bayes.errors import InputError
-from aero_bayes.laws.balance import Port, signal_parts
+from aero_bayes.laws.balance import Attachment, Signal
 from aero_bayes.laws.candidates import PlacedLaw
 from aero_bayes.laws.coupled_fmu import (
     BASE,
@@ -29,14 +29,15 @@ from aero_bayes.laws.coupled_fmu import (
 from aero_bayes.laws.held_step import step_of, with_held_step
 from aero_bayes.laws.law import Law
 from aero_bayes.laws.law_models import LawModels
-from aero_bayes.laws.open_ports import OpenModel
+from aero_bayes.laws.open_ports import OpenModel, built_once
+from aero_bayes.laws.wiring import Read, WiredLaw, wiring
 from aero_bayes.modelica.causalisation import causalise
 from aero_bayes.modelica.codegen import HELD
 from aero_bayes.modelica.compose import attribute_value
 from aero_bayes.modelica.embedded import export_flat
 from aero_bayes.modelica.equation_system import translate
 from aero_bayes.modelica.expression import Node
-from aero_bayes.modelica.flat import FlatEquation, FlatModel, FlatVariable
+from aero_bayes.modelica.flat import FlatModel, FlatVariable
 from aero_bayes.modelica.syntax import Call, Expression, Name, Number, map_children
 from aero_bayes.simulation.model import Model
 from aero_bayes.simulation.model_description import Variable
@@ -64,7 +65,9 @@ class LawBlocks:
         if key not in self._exported:
             try:
                 flat = _simplified(with_held_step(_with_fitted(_block(law, self.models[key]), law), law))
-                self._exported[key] = self._export(flat, f"{law.kind}_{law.id}")
+                name = f"{law.kind}_{law.id}"
+                build = partial(export_flat, replace(flat, name=name))
+                self._exported[key] = built_once(self.folder, f"law-{name}", repr(flat), build)
             except InputError as error:
                 raise AlgebraicLoopError(f"{placed.id}: {error}") from None
         return self._exported[key]
@@ -94,14 +97,6 @@ class LawBlocks:
         nominals = tuple(attribute_value(flat, s.name, "nominal", sizes) for s in model.states)
         return AttachedLaw(placed.instance, model, shown, given, nominals)
 
-    def _export(self, flat: FlatModel, name: str) -> Model:
-        key = hashlib.sha256(repr(flat).encode()).hexdigest()[:16]
-        out = self.folder / f"law-{name}-{key}.fmu"
-        if not out.exists():
-            self.folder.mkdir(parents=True, exist_ok=True)
-            export_flat(replace(flat, name=name), out)
-        return Model.load(out)
-
 
 def can_be_attached(placed: PlacedLaw) -> bool:
     """Return whether a law can be an FMU of its own: not one that gives a force by the acceleration."""
@@ -119,20 +114,15 @@ def _block(law: Law, flat: FlatModel) -> FlatModel:
                 return Name(name + RATE_SUFFIX)
         return map_children(tree, without_rates)
 
-    equations = tuple(_changed(e, without_rates) for e in flat.equations)
-    variables = [_as_signal(v, law, outputs) for v in flat.variables]
+    def as_signal(v: FlatVariable) -> FlatVariable:
+        if v.name in law.interface.inputs:
+            return replace(v, causality="input", binding=None)
+        return replace(v, causality="output" if v.name in outputs and "." not in v.name else "local")
+
+    equations = tuple(replace(e, left=without_rates(e.left), right=without_rates(e.right)) for e in flat.equations)
+    variables = [*map(as_signal, flat.variables)]
     variables += [FlatVariable(name + RATE_SUFFIX, causality="input") for name in sorted(rated)]
     return replace(flat, name=f"{law.kind}_{law.id}", variables=tuple(variables), equations=equations)
-
-
-def _changed(e: FlatEquation, change: Callable[[Expression], Expression]) -> FlatEquation:
-    return replace(e, left=change(e.left), right=change(e.right))
-
-
-def _as_signal(v: FlatVariable, law: Law, outputs: set[str]) -> FlatVariable:
-    if v.name in law.interface.inputs:
-        return replace(v, causality="input", binding=None)
-    return replace(v, causality="output" if v.name in outputs and "." not in v.name else "local")
 
 
 def _with_fitted(flat: FlatModel, law: Law) -> FlatModel:
@@ -160,9 +150,7 @@ def _simplified(flat: FlatModel) -> FlatModel:
 
 
 def attached(base: OpenModel, placed_laws: Sequence[PlacedLaw], blocks: LawBlocks) -> Coupling:
-    """Couple a model with laws at its ports. Raises AlgebraicLoopError where they have to be solved together.
-
-    Of several laws at one input the first one acts last, of those at one output the last one."""
+    """Couple a model with laws at its ports. Raises AlgebraicLoopError where they have to be solved together."""
     return _Attaching(base, placed_laws, blocks).coupling()
 
 
@@ -175,182 +163,171 @@ def _apart(operators: Sequence[SignalOperator], laws: Sequence[AttachedLaw]) -> 
 
 
 class _Attaching:
-    #: What a law at an input acts on.
-    SIGNAL = "u"
-
     def __init__(self, base: OpenModel, placed_laws: Sequence[PlacedLaw], blocks: LawBlocks) -> None:
         self.base, self.placed, self.blocks = base, placed_laws, blocks
+        self.wires = {wired.law.instance: wired for wired in wiring(placed_laws)}
+        self.parts = {placed.instance: k for k, placed in enumerate(placed_laws, 1)}
         self.acting: dict[str, Terms] = {name: ((Source(INPUT, k), 1.0),) for k, name in enumerate(base.inputs)}
-        self.changed: dict[str, Terms] = {}
+        self.changed: dict[Signal, Terms] = {}
         self.probed: dict[str, Terms] = {}
-        self.outputs: dict[str, Source] = {}
+        self.outputs: dict[Signal, Source] = {}
         self.given: dict[str, Terms] = {}
         self.settings: list[Setting] = []
 
     def coupling(self) -> Coupling:
-        here: dict[str, list[PlacedLaw]] = {"input": [], "output": []}
-        inside: list[PlacedLaw] = []
-        for placed in self.placed:
-            here.get(placed.port.attachment, inside).append(placed)
-        operators: dict[str, SignalOperator] = {}
-        for placed in reversed(here["input"]):
-            self._feed(placed)
-            self._note_operator(placed, operators)
-            self.acting[self._own_input(placed.port)] = ((self._acts(placed), 1.0),)
-        waiting = inside[::-1]
+        here: dict[Attachment, list[WiredLaw]] = {"input": [], "output": []}
+        waiting: list[WiredLaw] = []
+        for wired in self.wires.values():
+            here.get(wired.law.port.attachment, waiting).append(wired)
+        for wired in here["input"]:
+            self._feed(wired)
+        for wired in here["input"]:
+            if wired.outermost:
+                self.acting[self.base.inputs[self._acted_on(wired).reference]] = ((self._acts(wired.law), 1.0),)
         while waiting:
-            ready = next((p for p in waiting if not self._awaits(p, waiting)), None)
+            ready = next((w for w in waiting if not self._awaits(w, waiting)), None)
             if ready is None:
-                raise AlgebraicLoopError(" and ".join(p.id for p in waiting))
+                raise AlgebraicLoopError(" and ".join(w.law.id for w in waiting))
             waiting.remove(ready)
             self._place(ready)
         self._set_base()
-        behind: dict[str, SignalOperator] = {}
-        for placed in here["output"]:
-            self._feed(placed)
-            self._note_output_operator(placed, behind)
-            self.outputs[placed.port.signals["u"]] = self._acts(placed)
-        outputs = {self._output_behind(name): source for name, source in self.outputs.items()}
+        for wired in here["output"]:
+            self._feed(wired)
+            self.outputs[wired.law.port.signals["u"]] = self._acts(wired.law)
+        outputs = {self._output_behind(signal): source for signal, source in self.outputs.items()}
         for name, k in self.base.copies.items():
             if not self.base.output_needs(name) & self.probed.keys():
                 outputs.setdefault(name, Source(STATE, k))
         laws = [self.blocks.attached(placed) for placed in self.placed]
+        chains: dict[tuple[Attachment, Signal], list[WiredLaw]] = {}
+        for wired in (*here["input"], *here["output"]):
+            port = wired.law.port
+            chains.setdefault((port.attachment, port.signals["u"]), []).append(wired)
+        operators = [o for chain in chains.values() for o in self._operators(chain)]
         base = self.base
         return Coupling(
             base.model, laws, self.settings, base.inputs, outputs, base.hidden, base.state_names,
-            _apart([*operators.values(), *behind.values()], laws),
-            self._relay(),
+            _apart(operators, laws), self._relay(),
         )  # fmt: skip
 
     def _relay(self) -> Relay | None:
         """Return the first law that steps by the sign of a sum of states, and this sum."""
         for k, placed in enumerate(self.placed):
             name = self.blocks.step_input(placed)
-            terms = self._read(placed).get(name, ()) if name is not None else ()
+            terms = self._read(self.wires[placed.instance]).get(name, ()) if name is not None else ()
             if terms and all(source.part == STATE for source, _ in terms):
                 return Relay(k, terms)
         return None
 
+    def _operators(self, chain: Sequence[WiredLaw]) -> Iterator[SignalOperator]:
+        """Yield the operator that is the first laws at an input, or the last ones at an output.
+
+        These have no states and read nothing but the signal. One law at an input may remember it instead; before those
+        at an output one may delay a state."""
+        port, laws = chain[0].law.port, [wired.law for wired in chain]
+        parts = tuple(self.parts[placed.instance] - 1 for placed in laws)
+        functions, memory = [self._is_function(placed) for placed in laws], laws[0].law.memory
+        if port.attachment == "input":
+            count = (*functions, False).index(False)
+            if count or memory:
+                yield SignalOperator(parts[: count or 1], self._acted_on(chain[0]), memory="" if count else memory)
+            return
+        first = len(laws) - (*functions[::-1], False).index(False)
+        terms = self._read(chain[0]).get("u", ())
+        source = terms[0][0] if len(terms) == 1 and terms[0][1] == 1.0 else None
+        delays = bool(memory) and source is not None and source.part == STATE and first <= 1
+        if delays:
+            first = 0
+        elif first == 0 and (source is None or source.part == INPUT):
+            first = 1
+        if first < len(laws):
+            source = source if first == 0 and source is not None else self._acts(laws[first - 1])
+            yield SignalOperator(
+                parts[first:], source, self._output_behind(port.signals["u"]), memory if delays else ""
+            )
+
     def _is_function(self, placed: PlacedLaw) -> bool:
         """Return whether a law has no states and reads nothing but the signal on which it acts."""
         model = self.blocks.model(placed)
-        return [v.name for v in model.inputs] == [self.SIGNAL] and not (model.states or model.event_indicators)
+        return [v.name for v in model.inputs] == ["u"] and not (model.states or model.event_indicators)
 
-    def _note_output_operator(self, placed: PlacedLaw, operators: dict[str, SignalOperator]) -> None:
-        """Note a law that delays a state, or is a function of what is read or of what such laws make of it."""
-        signal = placed.port.signals[self.SIGNAL]
-        before = operators.pop(signal, None)
-        terms = self._read(placed).get(self.SIGNAL, ())
-        if len(terms) != 1 or terms[0][1] != 1.0:
-            return
-        own, source, memory = self._part(placed) - 1, terms[0][0], placed.law.memory
-        if memory and before is None and source.part == STATE:
-            operators[signal] = SignalOperator((own,), source, self._output_behind(signal), memory)
-        elif not self._is_function(placed):
-            return
-        elif before is not None:
-            operators[signal] = replace(before, laws=(*before.laws, own))
-        elif source.part != INPUT:
-            operators[signal] = SignalOperator((own,), source, self._output_behind(signal))
+    def _acted_on(self, wired: WiredLaw) -> Source:
+        """Return the variable that the signal is on which a law acts."""
+        ((source, _),) = self.base.signals[wired.law.port.signals["u"]]
+        return source
 
-    def _note_operator(self, placed: PlacedLaw, operators: dict[str, SignalOperator]) -> None:
-        """Note a law that acts on a recorded signal alone: one that remembers it, or one without states, which may also
-        act on what such laws make of it."""
-        own = self._own_input(placed.port)
-        k = self.base.inputs.index(own)
-        before = operators[own].laws if own in operators else ()
-        source = self._acts(self.placed[before[-1]]) if before else Source(INPUT, k)
-        if self.acting[own] != ((source, 1.0),):
-            return
-        if self._is_function(placed) and not (before and operators[own].memory):
-            operators[own] = SignalOperator((*before, self._part(placed) - 1), Source(INPUT, k))
-        elif not before and placed.law.memory:
-            operators[own] = SignalOperator((self._part(placed) - 1,), Source(INPUT, k), memory=placed.law.memory)
-
-    def _output_behind(self, signal: str) -> str:
+    def _output_behind(self, signal: Signal) -> str:
         """Return the output behind the name of a signal: an FMU's output may be no identifier."""
-        if any(v.name == signal for v in self.base.model.outputs):
-            return signal
+        outputs = self.base.model.outputs
+        if any(v.name == str(signal) for v in outputs):
+            return str(signal)
         ((source, _),) = self.base.signals[signal]
         states = self.base.model.states
         reference = states[source.reference].value_reference if source.part == STATE else source.reference
-        return next(v.name for v in self.base.model.outputs if v.value_reference == reference)
-
-    def _own_input(self, port: Port) -> str:
-        ((source, _),) = self.base.signals[port.signals["u"]]
-        return self.base.inputs[source.reference]
-
-    def _part(self, placed: PlacedLaw) -> int:
-        return 1 + next(k for k, other in enumerate(self.placed) if other is placed)
+        return next(v.name for v in outputs if v.value_reference == reference)
 
     def _acts(self, placed: PlacedLaw, output: str = "") -> Source:
-        model = self.blocks.model(placed)
-        return Source(self._part(placed), model.output(output or placed.law.interface.output).value_reference)
+        variable = self.blocks.model(placed).output(output or placed.law.interface.output)
+        return Source(self.parts[placed.instance], variable.value_reference)
 
-    def _terms(self, signal: str) -> Terms:
-        """Return a signal, or the variables that it adds up, by values that are known; inputs as they act."""
-        if signal in self.changed:
+    def _terms(self, signal: Signal, *, raw: bool) -> Terms:
+        """Return a signal, or the variables that it adds up, by values that are known."""
+        if signal in self.changed and not raw:
             return self.changed[signal]
         if signal not in self.base.signals:
-            return tuple(
-                (source, sign * gain) for sign, part in signal_parts(signal) for source, gain in self._terms(part)
-            )
+            parts = ((sign, self._terms(part, raw=raw)) for sign, part in signal.parts)
+            return tuple((source, sign * gain) for sign, terms in parts for source, gain in terms)
         found: list[tuple[Source, float]] = []
         for source, gain in self.base.signals[signal]:
-            if source.part == INPUT:
+            if source.part == INPUT and not raw:
                 acting = self.acting[self.base.inputs[source.reference]]
                 found += [(inner, gain * factor) for inner, factor in acting]
             else:
                 found.append((source, gain))
         return tuple(found)
 
-    def _read(self, placed: PlacedLaw) -> dict[str, Terms]:
-        """Return what each input of a law is set to."""
-        inputs = {v.name for v in self.blocks.model(placed).inputs}
+    def _value(self, read: Read) -> Terms:
+        """Return what an input of a law is set to."""
+        return self._terms(read.signal, raw=read.raw) if read.after is None else ((self._acts(read.after), 1.0),)
+
+    def _read(self, wired: WiredLaw) -> dict[str, Terms]:
+        """Return what each input of a law's FMU is set to."""
+        inputs = {v.name for v in self.blocks.model(wired.law).inputs}
         found = {}
-        for name, signal in placed.read.items():
-            if name in inputs:
-                outer = self.outputs.get(signal) if placed.port.attachment == "output" else None
-                found[name] = self._terms(signal) if outer is None else ((outer, 1.0),)
-            if f"{name}{RATE_SUFFIX}" in inputs:
-                changed = signal in self.outputs or (
-                    signal in self.base.copies and self.base.output_needs(signal) & self.probed.keys()
-                )
-                if changed or signal not in self.base.rates:
-                    raise AlgebraicLoopError(placed.id)
-                found[f"{name}{RATE_SUFFIX}"] = self.base.rates[signal]
+        for read in wired.reads:
+            rate, output = f"{read.input}{RATE_SUFFIX}", str(read.signal)
+            if read.input in inputs:
+                found[read.input] = self._value(read)
+            if rate in inputs:
+                changed = output in self.base.copies and self.base.output_needs(output) & self.probed.keys()
+                if read.after is not None or changed or read.signal not in self.base.rates:
+                    raise AlgebraicLoopError(wired.law.id)
+                found[rate] = self.base.rates[read.signal]
         return found
 
-    def _feed(self, placed: PlacedLaw) -> None:
-        model, part = self.blocks.model(placed), self._part(placed)
-        terms = self._read(placed)
-        self.settings += [Setting(part, model.input(name).value_reference, own) for name, own in terms.items()]
+    def _feed(self, wired: WiredLaw) -> None:
+        model, part = self.blocks.model(wired.law), self.parts[wired.law.instance]
+        for name, terms in self._read(wired).items():
+            self.settings.append(Setting(part, model.input(name).value_reference, terms))
 
-    def _needs(self, placed: PlacedLaw) -> frozenset[str]:
-        """Return the inputs of the base on which what a law reads depends at once."""
-        sources = [source for terms in self._read(placed).values() for source, _ in terms]
-        return frozenset[str]().union(*(self.base.needs.get(s, frozenset()) for s in sources if s.part == BASE))
-
-    def _probes_of(self, placed: PlacedLaw) -> set[str]:
-        return {self.base.probes[port.id] for port, _, _ in placed.terms}
-
-    def _awaits(self, placed: PlacedLaw, waiting: Sequence[PlacedLaw]) -> bool:
+    def _awaits(self, wired: WiredLaw, waiting: Sequence[WiredLaw]) -> bool:
         """Return whether a law needs what another law that waits, or itself, gives."""
-        needs = self._needs(placed)
-        return any(needs & self._probes_of(other) for other in waiting)
+        sources = [source for terms in self._read(wired).values() for source, _ in terms]
+        needs = frozenset[str]().union(*(self.base.needs.get(s, frozenset()) for s in sources if s.part == BASE))
+        probes = {self.base.probes[p.id] for other in waiting for p in other.ports}
+        return bool(needs & probes) or any(r.after is other.law for r in wired.reads for other in waiting)
 
-    def _place(self, placed: PlacedLaw) -> None:
-        if any(s.part == BASE for terms in self._read(placed).values() for s, _ in terms):
+    def _place(self, wired: WiredLaw) -> None:
+        if any(s.part == BASE for terms in self._read(wired).values() for s, _ in terms):
             self._set_base()
-        self._feed(placed)
-        port, signals = placed.port, placed.port.signals
-        if port.defining_equation is not None:
-            before, acts = self._terms(signals["u"]), self._acts(placed)
-            self._probe(port.id, ((acts, 1.0), *((source, -gain) for source, gain in before)))
-            self.changed[signals["u"]] = ((acts, 1.0),)
-            return
-        for balance, output, sign in placed.terms:
-            self._probe(balance.id, ((self._acts(placed, output), float(sign)),))
+        self._feed(wired)
+        for added in wired.added:
+            self._probe(added.port.id, ((self._acts(wired.law, added.output), float(added.sign)),))
+        if (signal := wired.law.port.acted_on) is not None:
+            acts = ((self._acts(wired.law), 1.0),)
+            (before,) = (self._value(read) for read in wired.reads if read.input == "u")
+            self._probe(wired.law.port.id, (*acts, *((source, -gain) for source, gain in before)))
+            self.changed[signal] = acts
 
     def _probe(self, port: str, terms: Terms) -> None:
         name = self.base.probes[port]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import Any, Literal, Self
 
 from aero_bayes.errors import InputError
 from aero_bayes.laws.aliases import derived_names, substituted
@@ -32,10 +32,37 @@ TERM = Name("")
 
 
 @dataclass(frozen=True)
+class Signal:
+    """What a law reads: a variable of a model, the difference of two, or the load at a balance, which is a formula."""
+
+    expression: Expression
+
+    @classmethod
+    def of(cls, name: str, minus: str = "") -> Self:
+        """Return the signal that is a variable, or its difference to another one."""
+        own = parse_reference(name)
+        return cls(Call("-", (own, parse_reference(minus))) if minus else own)
+
+    @property
+    def parts(self) -> tuple[tuple[int, Signal], ...]:
+        """The variables that it adds up, with their signs; itself where it is no sum of variables."""
+        terms = summands(self.expression)
+        return tuple((s, Signal(t)) for s, t in terms) if all(isinstance(t, Name) for _, t in terms) else ((1, self),)
+
+    @property
+    def first(self) -> str:
+        """The variable, or the one from which another one is subtracted."""
+        return str(self.parts[0][1])
+
+    def __str__(self) -> str:
+        return modelica_text(self.expression) or short_text(self.expression)
+
+
+@dataclass(frozen=True)
 class Balance:
     """A balance equation, and how an opposing term enters its residual ``left - right``.
 
-    ``load`` is the sum of its other terms but for the driver, as Modelica; empty where it is no plain formula."""
+    ``load`` is the sum of its other terms but for the driver; None where it is no plain formula."""
 
     equation: int
     scale: Expression
@@ -45,7 +72,7 @@ class Balance:
     state: str = ""
     force: str = ""
     sign: int = 1
-    load: str = ""
+    load: Signal | None = None
 
     def added(self, term: Expression) -> Expression:
         """Return the increment of the residual."""
@@ -87,12 +114,13 @@ def find_balance(
     )
 
 
-def _sum_of(terms: Sequence[tuple[int, Expression]]) -> str:
-    """Return signed terms as one formula, those that are added first; empty where one is no plain formula."""
+def _sum_of(terms: Sequence[tuple[int, Expression]]) -> Signal | None:
+    """Return signed terms as one formula, those that are added first; None where one is no plain formula."""
     texts = [(s, modelica_text(t, 2)) for s, t in sorted(terms, key=lambda term: -term[0]) if t != Number(0.0)]
     if any(text is None for _, text in texts) or any([*derived_names(t)] for _, t in terms):
-        return ""
-    return "".join(f"{' + ' if sign > 0 else ' - '}{text}" for sign, text in texts).removeprefix(" + ").strip()
+        return None
+    whole = "".join(f"{' + ' if sign > 0 else ' - '}{text}" for sign, text in texts).removeprefix(" + ").strip()
+    return Signal(parse_text(whole)) if whole else None
 
 
 def _in_row(
@@ -148,6 +176,29 @@ def _unit(entry: InsertionPoint, sides: tuple[Expression, Expression], units: Ma
 
 
 PortKind = Literal["input", "output", "reading", "motion", "storage", "electrical"]
+
+
+@dataclass(frozen=True)
+class KindOfPort:
+    """The name of the quantity to which something is added at a port of a kind, and the names of the signals there."""
+
+    acts: str
+    signals: tuple[str, ...]
+
+    @property
+    def size(self) -> str:
+        """The nominal value of what is added."""
+        return f"{self.acts}_n"
+
+
+PORT_KINDS: Mapping[PortKind, KindOfPort] = {
+    "input": KindOfPort("u", ("u",)),
+    "output": KindOfPort("u", ("u",)),
+    "reading": KindOfPort("u", ("u",)),
+    "motion": KindOfPort("f", ("v", "x")),
+    "storage": KindOfPort("q", ("h",)),
+    "electrical": KindOfPort("v", ("i",)),
+}
 Attachment = Literal["input", "output", "signal", "equation", "node", "series"]
 
 #: Units of a temperature, with the absolute zero in each.
@@ -165,7 +216,7 @@ class Port:
     units: Mapping[str, str]
     place: SourceLocation | None
     states: tuple[str, ...] = ()
-    signals: Mapping[str, str] = field(default_factory=dict)
+    signals: Mapping[str, Signal] = field(default_factory=dict)
     balance: Balance | None = None
     connectors: tuple[str, ...] = ()
     flow: str = ""
@@ -175,29 +226,23 @@ class Port:
     defining_equation: int | None = None
     counts: bool = False
 
+    @property
+    def acted_on(self) -> Signal | None:
+        """The signal of which a law makes another one; None where a law is added to a balance."""
+        return self.signals["u"] if self.attachment in ("input", "output", "signal") else None
+
 
 def signal_port(
     kind: PortKind, attachment: Attachment, signal: str, unit: str, place: SourceLocation | None, **others: Any
 ) -> Port:
     """Return the port at a signal, of which a law makes another one in the same unit."""
-    return Port(signal, kind, attachment, unit, {"u": unit, "y": unit}, place, signals={"u": signal}, **others)
+    return Port(
+        signal, kind, attachment, unit, {"u": unit, "y": unit}, place, signals={"u": Signal.of(signal)}, **others
+    )
 
 
-#: Separates the two variables of a difference.
-DIFFERENCE = " - "
-#: The signal of a motion that is the rest of its balance: the force that drives it, by names in the model.
+#: The signal of a motion that is the rest of its balance: the force that drives it.
 LOAD = "load"
-
-
-def signal_expression(given: str) -> Expression:
-    """Return the expression of a signal: a variable, the difference of two, or the load at a balance."""
-    return parse_text(given)
-
-
-def signal_parts(given: str) -> list[tuple[int, str]]:
-    """Return the variables that a signal adds up, with their signs; itself where it is no sum of variables."""
-    terms = summands(signal_expression(given))
-    return [(s, short_text(t)) for s, t in terms] if all(isinstance(t, Name) for _, t in terms) else [(1, given)]
 
 
 def port_table(ports: Sequence[Port]) -> list[dict[str, object]]:

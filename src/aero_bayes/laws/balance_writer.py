@@ -7,7 +7,7 @@ from dataclasses import replace
 
 from aero_bayes.errors import InputError
 from aero_bayes.laws.aliases import AliasStructure
-from aero_bayes.laws.balance import Port, parameter_values, signal_expression
+from aero_bayes.laws.balance import Port, parameter_values
 from aero_bayes.laws.candidates import PlacedLaw, identifier
 from aero_bayes.laws.class_with_laws import ClassWithLaws, formula, without_indices
 from aero_bayes.laws.find import driver_names, is_driver
@@ -17,7 +17,7 @@ from aero_bayes.modelica.compose import attribute_value
 from aero_bayes.modelica.flat import FlatEquation, FlatModel
 from aero_bayes.modelica.parse import find_outside, parse_expression, sides_of
 from aero_bayes.modelica.sources import Sources
-from aero_bayes.modelica.syntax import Expression, Name, map_names, modelica_text, parse_reference, short_text
+from aero_bayes.modelica.syntax import Expression, Name
 
 #: Longest formula that is written as a term. A law with a longer one is written as a component.
 MAX_FORMULA_LENGTH = 70
@@ -44,27 +44,23 @@ class BalanceWriter:
         }
 
     def write(self, placed: PlacedLaw) -> None:
-        # a reading that is a state has a name of its own for what it was
-        given = {signal: self._read(name) for signal, name in placed.read.items()}
-        near = all(not equation_of(self.flat, port).component for port, _, _ in placed.terms)
+        wired = self.target.wires[placed.instance]
+        given = {read.input: self.target.called(read) for read in wired.reads}
+        near = all(not equation_of(self.flat, port).component for port in wired.ports)
         text = formula(placed.law, nominals=placed.all_nominals, names={**given, **placed.names}) if near else None
         if text is None or len(text) > self.max_formula_length:
             self.target.declare(placed, given, {})
             text = None
-        for port, output, sign in placed.terms:
-            self._term(port, text or f"{placed.instance}.{output}", sign)
-
-    def _read(self, given: str) -> str:
-        """Return a signal with its variables as they are called beside laws at inputs and outputs."""
-        called = self.target.replacements.get
-        tree = map_names(signal_expression(given), lambda n: parse_reference(called(short_text(n), short_text(n))))
-        return modelica_text(tree, 2) or given
+        for added in wired.added:
+            self._term(added.port, text or f"{placed.instance}.{added.output}", added.sign)
 
     def _term(self, port: Port, text: str, sign: int) -> None:
         """Append a term to the balance of a port, in the class itself or in a copy of its component's class."""
         equation = equation_of(self.flat, port)
         sign *= port.balance.sign if port.balance is not None else 1
         if not equation.component:
+            if not self.target.inherits and class_of(self.known, equation) is not self.target.user[1]:
+                raise InputError(f"{equation.place}: the balance of {port.id!r} stands in a base class")
             self.target.edits += self._entry(port, self.target.cls, "").insert(text, sign)
             return
         path, numbers = without_indices(equation.component)

@@ -10,7 +10,7 @@ from typing import Self
 
 from aero_bayes.declared import PackageDeclaration
 from aero_bayes.errors import InputError
-from aero_bayes.laws.balance import DIFFERENCE, KELVIN, LOAD, Port
+from aero_bayes.laws.balance import KELVIN, LOAD, Port, Signal
 from aero_bayes.laws.find import find_ports
 from aero_bayes.laws.law import SIGNAL_DEFAULTS, Law, LawParameter
 from aero_bayes.modelica.flat import FlatModel
@@ -30,12 +30,12 @@ def with_applicable_laws(ports: Iterable[Port], laws: Sequence[Law]) -> tuple[Po
     return tuple(replace(p, laws=tuple(law.id for law in laws if _is_applicable(law, p))) for p in ports)
 
 
-def _further_signals(port: Port, laws: Iterable[Law], known: Collection[str]) -> dict[str, str]:
+def _further_signals(port: Port, laws: Iterable[Law], known: Collection[str]) -> dict[str, Signal]:
     """Return what laws read besides: the variables of these names in the component whose signal the port has."""
-    owner = next(iter(port.signals.values())).rpartition(".")[0]
+    owner = str(next(iter(port.signals.values()))).rpartition(".")[0]
     names = dict.fromkeys(n for law in laws if law.kind == port.kind for n in law.further_inputs)
     there = {n: f"{owner}.{n}" if owner else n for n in names}
-    return {n: path for n, path in there.items() if path in known}
+    return {n: Signal.of(path) for n, path in there.items() if path in known}
 
 
 #: What cannot be stored: a speed, an angle, their rates, a force, a torque, a current. A first-order lag of such a
@@ -66,7 +66,8 @@ def _is_applicable(law: Law, port: Port) -> bool:
         return False
     if port.kind == "storage" and (_is_no_amount(port, law) or (port.counts and law.has_states)):
         return False
-    if law.absolute and port.signals.get(law.absolute) not in port.states and not (port.balance and port.balance.force):
+    level = str(port.signals.get(law.absolute, ""))
+    if law.absolute and level not in port.states and not (port.balance and port.balance.force):
         return False
     # a law that does not read the ambient value would be the same law at the port without it
     if not port.signals.keys() & SIGNAL_DEFAULTS.keys() <= law.used_inputs or (
@@ -103,7 +104,7 @@ def is_possible(law: Law, nominals: Mapping[str, float]) -> bool:
 
 def _is_against_input(port: Port) -> bool:
     """Return whether a motion is relative to an input, such as the wind, on which no reaction acts."""
-    return not port.neighbours and any(DIFFERENCE in given for name, given in port.signals.items() if name != LOAD)
+    return not port.neighbours and any(len(given.parts) > 1 for name, given in port.signals.items() if name != LOAD)
 
 
 def _matches_unit(unit: str, asked: str) -> bool:
@@ -217,21 +218,6 @@ class PlacedLaw(Candidate):
         return self.law.has_states and not self.moved_input
 
     @property
-    def read(self) -> Mapping[str, str]:
-        """The signals of the model that the inputs of the law are."""
-        if self.law.kind == "exchange" and self.neighbour is not None:
-            return {"h_1": self.port.signals["h"], "h_2": self.neighbour.signals["h"]}
-        return self.port.signals
-
-    @property
-    def terms(self) -> tuple[tuple[Port, str, int], ...]:
-        """The ports at which an output of the law is added, that output, and 1 where it opposes a change, else -1."""
-        own = self.law.interface.output
-        if self.neighbour is None:
-            return ((self.port, own, 1),)
-        return (self.port, own, 1), (self.neighbour, "q_2" if self.law.kind == "overflow" else own, -1)
-
-    @property
     def all_nominals(self) -> dict[str, float]:
         """The nominal values, with defaults of those that are not given."""
         return {**self.law.nominals, **{k: float(v) for k, v in self.nominals.items() if k in self.law.nominals}}
@@ -340,7 +326,7 @@ def place_laws(
 
 def with_moved_input(placed: PlacedLaw, recorded: Collection[str]) -> PlacedLaw:
     """Return a delay of an input that is among the recorded ones as a move of that input; other laws as they are."""
-    signal = placed.port.signals.get("u", "")
+    signal = str(placed.port.signals.get("u", ""))
     moved = placed.law.delay and placed.port.attachment == "input" and signal in recorded
     return replace(placed, moved_input=signal) if moved else placed
 

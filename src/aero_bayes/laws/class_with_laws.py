@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 from aero_bayes.errors import InputError
 from aero_bayes.laws.candidates import PlacedLaw, describe_law, identifier
 from aero_bayes.laws.law import SIGNAL_DEFAULTS, Law
+from aero_bayes.laws.wiring import Read, wiring
 from aero_bayes.modelica.class_reader import read_classes
 from aero_bayes.modelica.classes import ClassText, ComponentDeclaration, SourceStatement
 from aero_bayes.modelica.edits import (
@@ -32,7 +33,7 @@ from aero_bayes.modelica.parse import (
     words_of,
 )
 from aero_bayes.modelica.sources import SourceFile, Sources, inline_base_classes, standalone_text
-from aero_bayes.modelica.syntax import summands
+from aero_bayes.modelica.syntax import Name, map_names, modelica_text, parse_reference, short_text, summands
 
 
 @dataclass
@@ -218,6 +219,8 @@ class ClassWithLaws:
         inherits: bool,
     ) -> None:
         self.known, self.user, self.placed_laws, self.title = known, user, placed_laws, title
+        self.inherits = inherits
+        self.wires = {wired.law.instance: wired for wired in wiring(placed_laws)}
         #: names of classes that are visible in the class of the user
         self.enclosing_names = known.meanings(user[1]).keys()
         self.file, self.cls = self._own_text(inherits)
@@ -260,6 +263,19 @@ class ClassWithLaws:
             text = self._plain_text(file, cls)
         classes = read_classes(text)
         return SourceFile(file.file, text, classes), classes[0]
+
+    def called(self, read: Read) -> str:
+        """Return what an input of a law is in the text, beside laws at inputs and outputs."""
+        if read.after is not None:
+            return f"{read.after.instance}.{read.after.law.interface.output}"
+        # a reading that is a state has a name of its own for what it was
+        outputs = {str(p.port.acted_on) for p in self.placed_laws if p.port.attachment == "output"}
+
+        def inner(n: Name) -> Name:
+            name = short_text(n)
+            return parse_reference(self.replacements.get(name, name)) if not read.raw or name in outputs else n
+
+        return modelica_text(map_names(read.signal.expression, inner), 2) or str(read.signal)
 
     # parts that every law adds
 
@@ -355,17 +371,16 @@ class ClassWithLaws:
 
     def _copy(self) -> str:
         text, cls = self.file.text, self.cls
-        edits = [*self.edits, *rename_class(cls, self.title), self._description()]
         for name, tokens in self.moved_equations.items():
             instance = self.replacements[name].removesuffix(".u")
             self.instances[instance][1]["u"] = self._renamed(tokens)
-            edits.append(TextEdit(tokens[0].start, tokens[-1].end, self.sources[name]))
         self.equations += [f"{name} = {self._renamed(tokens)};" for name, tokens in self.freed_bindings.items()]
         self.equations += [f"{name} = {y};" for name, y in self.sources.items() if name not in self.moved_equations]
-        gone = [
-            (tokens[0].start, tokens[-1].end)
-            for tokens in (*self.moved_equations.values(), *self.freed_bindings.values())
-        ]
+        gone = [(t[0].start, t[-1].end) for t in (*self.moved_equations.values(), *self.freed_bindings.values())]
+        # what is added to an expression moves with it
+        edits = [e for e in self.edits if not any(start <= e.start and e.end <= end for start, end in gone)]
+        edits += [*rename_class(cls, self.title), self._description()]
+        edits += [TextEdit(t[0].start, t[-1].end, self.sources[name]) for name, t in self.moved_equations.items()]
         for tokens in self.freed_bindings.values():
             equals = text.rindex("=", 0, tokens[0].start)
             edits.append(TextEdit(equals, tokens[-1].end, ""))
@@ -385,9 +400,10 @@ class ClassWithLaws:
         return apply_edits(text, [*edits, *add_equations(text, cls, self.equations)])
 
     def _renamed(self, tokens: Sequence[Token]) -> str:
-        begin = tokens[0].start
-        edits = [e.moved(-begin) for e in replace_names(tokens, self.replacements.get, functions=False)]
-        return apply_edits(text_of(self.file.text, tokens), edits)
+        begin, end = tokens[0].start, tokens[-1].end
+        edits = [*replace_names(tokens, self.replacements.get, functions=False)]
+        edits += [e for e in self.edits if begin <= e.start and e.end <= end]
+        return apply_edits(text_of(self.file.text, tokens), [e.moved(-begin) for e in edits])
 
     def _description(self) -> TextEdit:
         head = self.cls.name_token.end

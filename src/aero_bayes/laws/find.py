@@ -12,6 +12,7 @@ from aero_bayes.laws.balance import (
     Balance,
     Port,
     PortKind,
+    Signal,
     find_balance,
     parameter_values,
     signal_port,
@@ -225,9 +226,9 @@ def _equation(s: AliasStructure, state: str, position: str, option: _BalanceOpti
     kind = kind_of(s, state, position)
     signals = signals_of(kind, own, _own_name(s, position) if position else "")
     if is_relative_motion(s, state):
-        kind, signals = "motion", {"x": own, "v": s.rates[state]}
+        kind, signals = "motion", {"x": Signal.of(own), "v": Signal.of(s.rates[state])}
     units = units_of(s, kind, signals, balance.unit)
-    if kind == "motion" and is_load(s, balance.load, signals.values()):
+    if kind == "motion" and balance.load is not None and is_load(s, balance.load, signals.values()):
         signals, units = {**signals, LOAD: balance.load}, {**units, LOAD: balance.unit}
     states = tuple(dict.fromkeys((*s.states_in(e.left), *s.states_in(e.right), state)))
     return Port(
@@ -329,7 +330,7 @@ def _neighbours(port: Port, ports: Sequence[Port]) -> tuple[str, ...]:
     others = [p for p in others if _alike(p.units["h"], port.units["h"]) and _alike(p.unit, port.unit)]
     others.sort(
         key=lambda p: (
-            p.signals["h"] not in port.states and port.signals["h"] not in p.states,
+            p.signals["h"].first not in port.states and port.signals["h"].first not in p.states,
             port.states[-1:] != p.states[-1:] and not set(port.states) & set(p.states),
         )
     )

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping, Sequence, Set
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import replace
 
 from aero_bayes.laws.aliases import AliasStructure, derived_in, derived_names, is_derivative
-from aero_bayes.laws.balance import DIFFERENCE, KELVIN, Port, signal_port
+from aero_bayes.laws.balance import KELVIN, Port, Signal, signal_port
 from aero_bayes.laws.relative_motion import all_differences, balance_of, differences_in, unit_in
 from aero_bayes.modelica.flat import FlatEquation, FlatModel
 from aero_bayes.modelica.graphs import reachable
@@ -27,7 +27,8 @@ def internal_signals(s: AliasStructure, flat: FlatModel) -> Iterator[Port]:
     onward, read = _dependents(s, told), _read(s)
     for name, index in given.items():
         e = flat.equations[index]
-        reached = _sources(s, name, given, read)
+        computed = reachable(read[given[name]], lambda n: read[given[n]] if n in given else ())
+        reached = {s.of(n) for n in computed}
         acts = any(_acts(s, o, name) for o in flat.equations if o is not e)
         within = reached & {*s.states}
         first = {head for of, names, heads in told if of != index and name in names for head in heads}
@@ -127,17 +128,6 @@ def _read(s: AliasStructure) -> dict[int, set[str]]:
     return found
 
 
-def _sources(s: AliasStructure, name: str, given: Mapping[str, int], read: Mapping[int, Set[str]]) -> set[str]:
-    """Return alias classes from which a signal is computed, directly or through other computed variables."""
-    found: set[str] = set()
-    waiting = [name]
-    while waiting:
-        names = read[given[waiting.pop()]]
-        waiting += [n for n in names if n in given and s.of(n) not in found]
-        found |= {s.of(n) for n in names}
-    return found
-
-
 def ambient_differences(s: AliasStructure, balances: Sequence[Port]) -> Iterator[Port]:
     """Yield ports at differences of a state and an input.
 
@@ -145,7 +135,7 @@ def ambient_differences(s: AliasStructure, balances: Sequence[Port]) -> Iterator
     is an input. An input that is the ambient level of one storage is so for all storages of the same unit."""
     fed = _input_classes(s)
     apart = all_differences(s)
-    levels = {s.of(p.signals["h"]): p.units["h"] for p in balances if p.kind == "storage"}
+    levels = {s.of(p.signals["h"].first): p.units["h"] for p in balances if p.kind == "storage"}
     around = {(cls, unit) for level, unit in levels.items() for cls in fed if frozenset((level, cls)) in apart}
     for port in balances:
         if port.kind == "storage" and port.attachment in ("equation", "node"):
@@ -153,15 +143,15 @@ def ambient_differences(s: AliasStructure, balances: Sequence[Port]) -> Iterator
             for cls, name in fed.items():
                 if (unit in KELVIN and unit_in(s, cls) == unit) or (cls, unit) in around:
                     yield replace(
-                        port, id=f"{port.id}-{name}", signals={**port.signals, "h_s": name}, neighbours=(),
+                        port, id=f"{port.id}-{name}", signals={**port.signals, "h_s": Signal.of(name)}, neighbours=(),
                     )  # fmt: skip
         elif port.kind == "motion" and port.attachment == "equation":
             acting = _acting(s, port)
             other = {
-                signal: next((name for cls, name in fed.items() if frozenset((s.of(own), cls)) in acting), "")
+                signal: next((name for cls, name in fed.items() if frozenset((s.of(str(own)), cls)) in acting), "")
                 for signal, own in port.signals.items()
             }
-            signals = {n: f"{port.signals[n]}{DIFFERENCE}{name}" for n, name in other.items() if name}
+            signals = {n: Signal.of(str(port.signals[n]), name) for n, name in other.items() if name}
             if signals:
                 units = {n: unit for n, unit in port.units.items() if n in (*signals, "f")}
                 name = other.get("v") or other["x"]

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import hashlib
 import zipfile
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from xml.etree import ElementTree
 
 import numpy as np
 
 from aero_bayes.arrays import FloatArray
 from aero_bayes.laws.aliases import AliasStructure, alias_structure
-from aero_bayes.laws.balance import signal_expression, signal_parts
+from aero_bayes.laws.balance import Signal
 from aero_bayes.laws.candidates import PlacedLaw, identifier
 from aero_bayes.laws.coupled_fmu import BASE, INPUT, STATE, UNREAD_SUFFIX, Source, Terms
 from aero_bayes.laws.law_models import LawModels
@@ -26,6 +28,15 @@ from aero_bayes.plain import Numbers
 from aero_bayes.simulation.model import Model
 
 
+def built_once(folder: Path, name: str, of: str, build: Callable[[Path], object]) -> Model:
+    """Return the FMU in a folder that is built from something, whose hash is part of the file name."""
+    out = folder / f"{name}-{hashlib.sha256(of.encode()).hexdigest()[:16]}.fmu"
+    if not out.exists():
+        folder.mkdir(parents=True, exist_ok=True)
+        build(out)
+    return Model.load(out)
+
+
 @dataclass(frozen=True, eq=False)
 class OpenModel:
     """A model with open ports.
@@ -37,8 +48,8 @@ class OpenModel:
     model: Model
     inputs: tuple[str, ...]
     probes: Mapping[str, str]
-    signals: Mapping[str, Terms]
-    rates: Mapping[str, Terms] = field(default_factory=dict)
+    signals: Mapping[Signal, Terms]
+    rates: Mapping[Signal, Terms] = field(default_factory=dict)
     needs: Mapping[Source, frozenset[str]] = field(default_factory=dict)
     hidden: frozenset[str] = frozenset()
     gain: float = 1.0
@@ -150,75 +161,64 @@ def open_model(
             probes[port.id] = f"{PROBE}{identifier(port.id)}"
             flat = with_probe(flat, port, probes[port.id], 1.0)
     read = [given for port in ports.values() for given in port.signals.values()]
-    signals = dict.fromkeys(one for given in read for _, one in signal_parts(given))
+    signals = dict.fromkeys(one for given in read for _, one in given.parts)
     rated = dict.fromkeys(p.port.signals["u"] for p in every if p.law.needs_derivative)
     copied = {v.name: k for v in base.outputs if (k := base.copied_state(v.name)) is not None}
-    asked = [(SIGNAL, name) for name in signals] + [(RATE, name) for name in rated if name not in copied]
-    shown: dict[tuple[str, str], str] = {}
+    asked = [(SIGNAL, one) for one in signals] + [(RATE, one) for one in rated if str(one) not in copied]
+    shown: dict[tuple[str, Signal], str] = {}
     places, model = _places(base, structure), base
-    while missing := [key for key in asked if key not in shown and not _is_known(*key, places, structure)]:
-        for kind, name in missing:
-            tree, out = signal_expression(name), f"{kind}{identifier(name)}"
-            shown[kind, name] = out = f"{out}_{len(shown)}" if out in shown.values() else out
+
+    def is_known(kind: str, signal: Signal) -> bool:
+        """Return whether a signal is a state or an input, and its derivative that of a state."""
+        found = places.get(structure.of(str(signal)))
+        return found is not None and (kind == SIGNAL or found[0].part == STATE)
+
+    while missing := [key for key in asked if key not in shown and not is_known(*key)]:
+        for kind, one in missing:
+            tree, out = one.expression, f"{kind}{identifier(str(one))}"
+            shown[kind, one] = out = f"{out}_{len(shown)}" if out in shown.values() else out
             flat = add_output(flat, out, tree if kind == SIGNAL else Call("der", (tree,)))
         model = export(flat)
         places = _places(model, structure)
     model = export(flat) if model is base else model
-    found = _Found(model, _places(model, structure), structure, shown)
-    positions = _base_states(base, found.places, structure)
-    moving = {name: found.terms(RATE, name) for name in rated if name not in copied}
-    moving |= {n: ((Source(BASE, model.derivatives[positions[copied[n]]]), 1.0),) for n in rated if n in copied}
+    places = _places(model, structure)
+    positions = _base_states(base, places, structure)
+    states = {s.value_reference: k for k, s in enumerate(model.states)}
+
+    def found(kind: str, signal: Signal) -> Terms:
+        name = str(signal)
+        if kind == RATE and name in copied:
+            return ((Source(BASE, model.derivatives[positions[copied[name]]]), 1.0),)
+        if (kind, signal) in shown:
+            reference = model.output(shown[kind, signal]).value_reference
+            return ((Source(STATE, states[reference]) if reference in states else Source(BASE, reference), 1.0),)
+        source, sign = places[structure.of(name)]
+        gain = float(sign * structure.same.get(name, (name, 1))[1])
+        return ((Source(BASE, model.derivatives[source.reference]) if kind == RATE else source, gain),)
+
     names = [s.name for s in model.states]
     for k, there in positions.items():
         names[there] = base.states[k].name
+    # outputs that are states of the base are none while a probe acts on them
+    copies = {n: positions[k] for n, k in copied.items() if model.output(n).value_reference not in states}
     return OpenModel(
         model, tuple(v.name for v in model.inputs if v.name not in probes.values()), probes,
-        {name: found.terms(SIGNAL, name) for name in signals}, moving,
-        _needs(model), frozenset(shown.values()), copies=_copies(copied, model, positions), state_names=names,
+        {one: found(SIGNAL, one) for one in signals}, {one: found(RATE, one) for one in rated},
+        _needs(model), frozenset(shown.values()), copies=copies, state_names=names,
     )  # fmt: skip
-
-
-def _is_known(kind: str, name: str, places: Places, structure: AliasStructure) -> bool:
-    """Return whether a signal is a state or an input, and its derivative that of a state."""
-    found = places.get(structure.of(name))
-    return found is not None and (kind == SIGNAL or found[0].part == STATE)
-
-
-@dataclass(frozen=True)
-class _Found:
-    """Where signals and their derivatives are in a model with open ports."""
-
-    model: Model
-    places: Places
-    structure: AliasStructure
-    shown: Mapping[tuple[str, str], str]
-
-    def terms(self, kind: str, name: str) -> Terms:
-        if (kind, name) in self.shown:
-            reference = self.model.output(self.shown[kind, name]).value_reference
-            states = {s.value_reference: k for k, s in enumerate(self.model.states)}
-            return ((Source(STATE, states[reference]) if reference in states else Source(BASE, reference), 1.0),)
-        source, sign = self.places[self.structure.of(name)]
-        gain = float(sign * self.structure.same.get(name, (name, 1))[1])
-        return ((Source(BASE, self.model.derivatives[source.reference]) if kind == RATE else source, gain),)
 
 
 def _base_states(base: Model, there: Places, structure: AliasStructure) -> dict[int, int]:
     """Return the position in a model with open ports of each state of the base."""
     found = {}
+    aliases = state_aliases(base)
     for k, state in enumerate(base.states):
-        names = [state.name, *(n for n, s in state_aliases(base).items() if s == state.name)]
+        names = [state.name, *(n for n, s in aliases.items() if s == state.name)]
         places = [there[structure.of(n)] for n in names if structure.of(n) in there]
         source = next((s for s, sign in places if s.part == STATE and sign > 0), None)
         if source is not None:
             found[k] = source.reference
     return found
-
-
-def _copies(copied: Mapping[str, int], model: Model, positions: Mapping[int, int]) -> dict[str, int]:
-    """Return outputs that are states of the base and are none while a probe acts on them, with the state there."""
-    states = {s.value_reference for s in model.states}
-    return {n: positions[k] for n, k in copied.items() if model.output(n).value_reference not in states}
 
 
 def _places(model: Model, structure: AliasStructure) -> Places:

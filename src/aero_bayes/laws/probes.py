@@ -19,8 +19,8 @@ def with_drive(flat: FlatModel, port: Port, term: Expression, neighbour: Port | 
     """Return the model with a term that drives a balance, where a law would oppose, or is added to a signal.
 
     A motion acts back on its neighbour."""
-    if signal := port.signals.get("u", ""):
-        flat = separate_elements(flat, signal)
+    if signal := port.signals.get("u"):
+        flat = separate_elements(flat, str(signal))
     flat = _with_term(flat, port, term, -1.0)
     return flat if neighbour is None or port.kind != "motion" else add_to_balance(flat, neighbour, term, 1.0)
 
@@ -28,7 +28,7 @@ def with_drive(flat: FlatModel, port: Port, term: Expression, neighbour: Port | 
 def _with_term(flat: FlatModel, port: Port, term: Expression, sign: float) -> FlatModel:
     if port.defining_equation is None and port.attachment != "input":
         return add_to_balance(flat, port, term, sign)
-    signal = port.signals["u"]
+    signal = str(port.signals["u"])
     kept = defining_equations(flat, port) if port.defining_equation is not None else ()
     return replace_uses(flat, signal, Call("+", (parse_reference(signal), term)), kept)
 

@@ -8,14 +8,14 @@ from itertools import combinations
 
 from aero_bayes.laws.aliases import AliasStructure, derived_in, is_derivative
 from aero_bayes.laws.balance import (
-    DIFFERENCE,
     LOAD,
+    PORT_KINDS,
     Balance,
     Port,
     PortKind,
+    Signal,
     find_balance,
     parameter_values,
-    signal_expression,
 )
 from aero_bayes.laws.insertion_point import Driver, sign_of_factor
 from aero_bayes.modelica.flat import FlatEquation, FlatVariable
@@ -42,25 +42,19 @@ def kind_of(s: AliasStructure, state: str, position: str) -> PortKind:
     return "storage"
 
 
-def signals_of(kind: PortKind, state: str, position: str) -> dict[str, str]:
-    if kind == "electrical":
-        return {"i": state}
-    if kind == "storage":
-        return {"h": state}
-    return {"v": state, "x": position} if position else {"v": state}
+def signals_of(kind: PortKind, *names: str) -> dict[str, Signal]:
+    """Return the signals at a port of a kind by the names of their variables, which may be empty."""
+    return {signal: Signal.of(n) for signal, n in zip(PORT_KINDS[kind].signals, names, strict=False) if n}
 
 
-_ACTS: Mapping[PortKind, str] = {"motion": "f", "storage": "q", "electrical": "v"}
+def units_of(s: AliasStructure, kind: PortKind, signals: Mapping[str, Signal], unit: str) -> dict[str, str]:
+    return {**{k: unit_in(s, s.of(given.first)) for k, given in signals.items()}, PORT_KINDS[kind].acts: unit}
 
 
-def units_of(s: AliasStructure, kind: PortKind, signals: Mapping[str, str], unit: str) -> dict[str, str]:
-    return {**{k: unit_in(s, n) for k, n in signals.items()}, _ACTS[kind]: unit}
-
-
-def is_load(s: AliasStructure, given: str, own: Collection[str]) -> bool:
+def is_load(s: AliasStructure, given: Signal, own: Collection[Signal]) -> bool:
     """Return whether the rest of a balance is a load: not of its own motion alone, nor with another acceleration."""
-    read = names_in(signal_expression(given)) if given else set[str]()
-    moving = {s.of(n) for signal in own for n in names_in(signal_expression(signal))}
+    read = names_in(given.expression)
+    moving = {s.of(n) for signal in own for n in names_in(signal.expression)}
     others = {s.of(n) for n in read if n in s.variables and not s.variables[n].constant} - moving
     return bool(others) and not others & (set(s.rates.values()) - set(s.states))
 
@@ -186,7 +180,7 @@ def storage_pin_port(s: AliasStructure, state: str) -> Port | None:
 
 def branch_ports(s: AliasStructure, taken: Iterable[Port]) -> Iterator[Port]:
     """Yield ports in series at pins of components without a state: one in each branch without any."""
-    seen = {s.moving[p.signals["i"]][0] for p in taken if p.kind == "electrical"}
+    seen = {s.moving[p.signals["i"].first][0] for p in taken if p.kind == "electrical"}
     sets = [flows for _, flows in _flow_sums(s) if len(flows) > 1]
     for i, e in enumerate(s.flat.equations):
         names = names_in(e.left) | names_in(e.right)
@@ -217,8 +211,9 @@ def _series_port_at(s: AliasStructure, state: str, own: str, connectors: tuple[s
     end = f"{connectors[1]}.{potential}"
     joins = ((i, e) for i, e in enumerate(s.flat.equations) if e.origin == "connection")
     at = next(i for i, e in joins if end in names_in(e.left) | names_in(e.right))
-    unit, signals = s.variables[end].unit, {"i": f"{connectors[1]}.{flow}"}
-    place = s.variables[state or signals["i"]].place
+    unit, current = s.variables[end].unit, f"{connectors[1]}.{flow}"
+    signals = signals_of("electrical", current)
+    place = s.variables[state or current].place
     return Port(
         own, "electrical", "series", unit, units_of(s, "electrical", signals, unit), place,
         (state,) if state else (), signals, Balance(s.origins[at][0], Number(-1.0), unit), connectors, flow,
@@ -227,10 +222,10 @@ def _series_port_at(s: AliasStructure, state: str, own: str, connectors: tuple[s
 
 
 #: Dimensions of a force, a torque and a voltage, each with the signals on which it depends; the first must be there.
-_RESISTING: tuple[tuple[PortKind, str, Dimension, Mapping[str, Dimension]], ...] = (
-    ("motion", "f", {"kg": 1.0, "m": 1.0, "s": -2.0}, {"v": {"m": 1.0, "s": -1.0}, "x": {"m": 1.0}}),
-    ("motion", "f", {"kg": 1.0, "m": 2.0, "s": -2.0}, {"v": {"rad": 1.0, "s": -1.0}, "x": {"rad": 1.0}}),
-    ("electrical", "v", dimension_of_unit("V") or {}, {"i": {"A": 1.0}}),
+_RESISTING: tuple[tuple[PortKind, Dimension, Mapping[str, Dimension]], ...] = (
+    ("motion", {"kg": 1.0, "m": 1.0, "s": -2.0}, {"v": {"m": 1.0, "s": -1.0}, "x": {"m": 1.0}}),
+    ("motion", {"kg": 1.0, "m": 2.0, "s": -2.0}, {"v": {"rad": 1.0, "s": -1.0}, "x": {"rad": 1.0}}),
+    ("electrical", dimension_of_unit("V") or {}, {"i": {"A": 1.0}}),
 )
 
 
@@ -244,25 +239,25 @@ def force_outputs(s: AliasStructure, taken: Collection[int]) -> Iterator[Port]:
     for v in s.flat.variables:
         if v.causality != "output" or "." in v.name or v.type != "Real" or v.sizes or v.constant:
             continue
-        resisting = next((r for r in _RESISTING if dimension_of_unit(v.unit) == r[2]), None)
+        resisting = next((r for r in _RESISTING if dimension_of_unit(v.unit) == r[1]), None)
         given = None if resisting is None else _given_by(s, v, taken)
         if resisting is None or given is None:
             continue
-        kind, acts, _, wanted = resisting
+        kind, _, wanted = resisting
         index, whole = given
-        signals = {signal: name for signal, of in wanted.items() if (name := _one_signal(s, whole, of))}
-        moving = signals.get(next(iter(wanted)), "")
+        signals = {signal: own for signal, of in wanted.items() if (own := _one_signal(s, whole, of)) is not None}
+        moving = signals.get(next(iter(wanted)))
         balance = find_balance(s.flat, index, _is_name(v.name), values, units)
-        if not moving or balance is None:
+        if moving is None or balance is None:
             continue
         # positive where the speed or current is no factor of a term
-        if (sign_of_factor(whole, _is_name(moving.partition(DIFFERENCE)[0]), values) or 1) > 0:
+        if (sign_of_factor(whole, _is_name(moving.first), values) or 1) > 0:
             balance = replace(balance, scale=Call("neg", (balance.scale,)), sign=-1)
-        known = {signal: unit_in(s, s.of(name.partition(DIFFERENCE)[0])) for signal, name in signals.items()}
-        if kind == "motion" and is_load(s, balance.load, signals.values()):
+        known = units_of(s, kind, signals, v.unit)
+        if kind == "motion" and balance.load is not None and is_load(s, balance.load, signals.values()):
             signals, known = {**signals, LOAD: balance.load}, {**known, LOAD: v.unit}
         yield Port(
-            v.name, kind, "equation", v.unit, {**known, acts: v.unit}, s.flat.equations[index].place,
+            v.name, kind, "equation", v.unit, known, s.flat.equations[index].place,
             tuple(s.states_in(whole)), signals, replace(balance, equation=s.origins[index][0], force=v.name),
         )  # fmt: skip
 
@@ -288,26 +283,26 @@ def _is_name(name: str) -> Driver:
     return lambda tree: isinstance(tree, Name) and tree.name == name and not tree.subscripts
 
 
-def _one_signal(s: AliasStructure, tree: Expression, wanted: Dimension) -> str:
+def _one_signal(s: AliasStructure, tree: Expression, wanted: Dimension) -> Signal | None:
     """Find the only difference of two variables of a dimension in an expression, else the only variable or input.
 
-    Empty if there is none, or more than one."""
+    None if there is none, or more than one."""
 
     def fits(t: Expression) -> bool:
         known = isinstance(t, Name) and not t.subscripts and t.name in s.same
         return known and isinstance(t, Name) and dimension_of_unit(unit_in(s, s.of(t.name))) == wanted
 
     differences = {
-        f"{a.name}{DIFFERENCE}{b.name}"
+        Signal.of(a.name, b.name)
         for t in walk(tree)
         if isinstance(t, Call) and t.function == "-" and len(t.args) == 2
         for a, b in [t.args]
         if isinstance(a, Name) and isinstance(b, Name) and fits(a) and fits(b)
     }
-    single = {t.name for t in walk(tree) if isinstance(t, Name) and fits(t)}
+    single = {Signal.of(t.name) for t in walk(tree) if isinstance(t, Name) and fits(t)}
     inputs = {v.name for v in s.flat.variables if v.causality == "input" and "." not in v.name and fits(Name(v.name))}
-    found = differences or single or inputs
-    return next(iter(found)) if len(found) == 1 else ""
+    found = differences or single or {Signal.of(name) for name in inputs}
+    return next(iter(found)) if len(found) == 1 else None
 
 
 def relative_motions(s: AliasStructure, balances: Sequence[Port]) -> Iterator[Port]:
@@ -328,16 +323,18 @@ def relative_motions(s: AliasStructure, balances: Sequence[Port]) -> Iterator[Po
             both = connecting_components(s, one, other)
             coupled = bool(both) and not both & known
         else:
-            coupled = any(frozenset(s.of(p.signals[name]) for p in (one, other)) in apart for name in shared)
+            coupled = any(frozenset(s.of(str(p.signals[name])) for p in (one, other)) in apart for name in shared)
             coupled = coupled and all(p.attachment == "equation" and not _inside(s, p) for p in (one, other))
         if not alike or not coupled:
             continue
         signals = {
-            name: f"{one.signals[name]}{DIFFERENCE}{other.signals[name]}" for name in one.signals if name in shared
+            name: Signal.of(one.signals[name].first, other.signals[name].first)
+            for name in one.signals
+            if name in shared
         }
         units = {name: unit for name, unit in one.units.items() if name in (*signals, "f")}
         if distance and "x" not in signals:
-            signals["x"], units["x"] = distance[0], unit_in(s, s.of(distance[0]))
+            signals["x"], units["x"] = Signal.of(distance[0]), unit_in(s, s.of(distance[0]))
         yield replace(
             one, id=f"{one.id}-{other.id}", signals=signals, units=units, neighbours=(other.id,),
             states=tuple(dict.fromkeys((*one.states, *other.states))),
@@ -346,7 +343,7 @@ def relative_motions(s: AliasStructure, balances: Sequence[Port]) -> Iterator[Po
 
 def _distance(s: AliasStructure, one: Port, other: Port) -> tuple[str, bool] | None:
     """Return a state whose derivative is the difference of two speeds, and whether the first speed is subtracted."""
-    speeds = s.of(one.signals["v"]), s.of(other.signals["v"])
+    speeds = s.of(one.signals["v"].first), s.of(other.signals["v"].first)
     for e in s.flat.equations:
         for rate, difference in ((e.left, e.right), (e.right, e.left)):
             match difference:

@@ -11,10 +11,10 @@ from typing import Self
 from aero_bayes.errors import InputError
 from aero_bayes.files import write_whole
 from aero_bayes.laws.aliases import AliasStructure, alias_structure
-from aero_bayes.laws.balance import DIFFERENCE, Attachment, Port
-from aero_bayes.laws.balance_writer import MAX_FORMULA_LENGTH, BalanceWriter, class_of, equation_of
+from aero_bayes.laws.balance import Attachment, Port
+from aero_bayes.laws.balance_writer import MAX_FORMULA_LENGTH, BalanceWriter
 from aero_bayes.laws.candidates import PlacedLaw
-from aero_bayes.laws.class_with_laws import ClassWithLaws, without_indices
+from aero_bayes.laws.class_with_laws import ClassWithLaws
 from aero_bayes.modelica.class_reader import read_classes
 from aero_bayes.modelica.classes import ClassText, ComponentDeclaration, SourceStatement
 from aero_bayes.modelica.compose import ACTING_SUFFIX, TRUE_SUFFIX
@@ -34,16 +34,17 @@ class ConnectionWriter:
 
     def write_at_node(self, placed: PlacedLaw) -> None:
         port = placed.port
-        terms = dict(zip(("port", "neighbour"), placed.terms, strict=False))
-        ends = {end: at.connectors[0] for end, (at, _, _) in terms.items()}
-        flows = [f"{end}.{at.flow} = {'' if sign > 0 else '-'}{out};" for end, (at, out, sign) in terms.items()]
+        wired = self.target.wires[placed.instance]
+        terms = dict(zip(("port", "neighbour"), wired.added, strict=False))
+        ends = {end: added.port.connectors[0] for end, added in terms.items()}
+        flows = [f"{end}.{a.port.flow} = {'' if a.sign > 0 else '-'}{a.output};" for end, a in terms.items()]
         inside = self._inside(port)
         if placed.law.kind == "exchange":
             inside = {"h_1": f"port.{port.potential}", "h_2": f"neighbour.{port.potential}"}
         elif placed.neighbour is not None and port.kind == "motion":
             other = {k: v.replace("port.", "neighbour.") for k, v in self._inside(placed.neighbour).items()}
-            inside = {k: f"{v}{DIFFERENCE}{other[k]}" for k, v in inside.items() if k in other}
-        given = {k: v for k, v in placed.read.items() if k not in inside}
+            inside = {k: f"{v} - {other[k]}" for k, v in inside.items() if k in other}
+        given = {read.input: self.target.called(read) for read in wired.reads if read.input not in inside}
         self.target.declare(placed, given, inside, self._connectors(port, *ends), flows)
         self.target.equations += [f"connect({placed.instance}.{end}, {outer});" for end, outer in ends.items()]
 
@@ -52,8 +53,9 @@ class ConnectionWriter:
         potential = f"port.{port.potential}"
         if port.kind == "storage":
             return {"h": potential}
-        position = port.signals.get("x", "").partition(DIFFERENCE)[0]
-        if self.structure.of(f"{port.connectors[0]}.{port.potential}") == self.structure.of(position):
+        position = port.signals.get("x")
+        own = self.structure.of(f"{port.connectors[0]}.{port.potential}")
+        if position is not None and own == self.structure.of(position.first):
             return {"v": f"der({potential})", "x": potential}
         return {"v": potential}
 
@@ -73,7 +75,8 @@ class ConnectionWriter:
         left, right = port.connectors
         acts = placed.law.interface.output
         equations = [f"p.{port.potential} - n.{port.potential} = {acts};", f"p.{port.flow} + n.{port.flow} = 0;"]
-        given = {k: v for k, v in port.signals.items() if k != "i"}
+        reads = self.target.wires[placed.instance].reads
+        given = {read.input: self.target.called(read) for read in reads if read.input != "i"}
         self.target.declare(placed, given, {"i": f"p.{port.flow}"}, self._connectors(port, "p", "n"), equations)
         mine = [
             u.instance
@@ -103,19 +106,19 @@ class SignalWriter:
         self.target, self.structure = target, structure
 
     def write_at_input(self, placed: PlacedLaw) -> None:
-        name = placed.port.signals["u"]
+        name = str(placed.port.signals["u"])
         c = self._declared(name)
-        first = self._declare_in_chain(placed, name)
+        self._declare(placed, name)
         given, inner = self.target.replacements, name
         if c.name != name:
             if c.name not in self.target.replacements:
                 self.target.replacements[c.name] = self._apart(c, ACTING_SUFFIX)
             given, inner = self.target.sources, name.replace(c.name, self.target.replacements[c.name], 1)
-        if first:
+        if self.target.wires[placed.instance].outermost:
             given[inner] = f"{placed.instance}.y"
 
     def write_at_signal(self, placed: PlacedLaw) -> None:
-        name = placed.port.signals["u"]
+        name = str(placed.port.signals["u"])
         if "." not in name:
             self.target.computed.add(name)
             self.write_at_input(placed)
@@ -124,27 +127,15 @@ class SignalWriter:
         if len(connects) != 1:
             raise InputError(f"{self.target.cls.full_name}: no one connection to {name!r} stands in the class")
         ((statement, source),) = connects
-        if self._declare_in_chain(placed, source):
+        self._declare(placed, source)
+        if self.target.wires[placed.instance].outermost:
             self.target.edits.append(TextEdit(statement.start, statement.end, f"{name} = {placed.instance}.y;"))
 
-    def _declare_in_chain(self, placed: PlacedLaw, source: str) -> bool:
-        """Declare a law at a signal: it acts on what the next law there gives, the last one on the source.
-
-        Return whether it is the first, whose output the model reads."""
-        at, name = placed.port.attachment, placed.port.signals["u"]
-        mine = [u for u in self.target.placed_laws if u.port.attachment == at and u.port.signals["u"] == name]
-        k = [u.instance for u in mine].index(placed.instance)
-        self._declare(placed, f"{mine[k + 1].instance}.y" if k + 1 < len(mine) else source)
-        return k == 0
-
-    def _declare(self, placed: PlacedLaw, acted_on: str) -> None:
-        """Declare a law that acts on a signal, and reads others; an output with a law of its own is read without it."""
-        outputs = {p.port.signals["u"] for p in self.target.placed_laws if p.port.attachment == "output"}
-        read = {
-            signal: self.target.replacements.get(name, name) if name in outputs else name
-            for signal, name in placed.port.signals.items()
-        }
-        self.target.declare(placed, {**read, "u": acted_on}, {})
+    def _declare(self, placed: PlacedLaw, source: str) -> None:
+        """Declare a law that acts on a signal, which is a ``source`` in the class, and reads others."""
+        reads = self.target.wires[placed.instance].reads
+        given = {r.input: source if r.input == "u" and r.after is None else self.target.called(r) for r in reads}
+        self.target.declare(placed, given, {})
 
     def _apart(self, c: ComponentDeclaration, suffix: str) -> str:
         """Return an array that stands, element by element, for an array of inputs or outputs in the class."""
@@ -170,7 +161,7 @@ class SignalWriter:
         return self.target.components[base]
 
     def write_at_output(self, placed: PlacedLaw) -> None:
-        name = placed.port.signals["u"]
+        name = str(placed.port.signals["u"])
         c = self._declared(name)
         if c.name != name and c.name not in self.target.replacements:
             self.target.replacements[c.name] = self._apart(c, TRUE_SUFFIX)
@@ -230,12 +221,14 @@ def with_laws_written(
     placed_laws: Sequence[PlacedLaw],
     title: str,
     max_formula_length: int,
+    *,
+    inherits: bool = False,
 ) -> ClassWithLaws:
-    """Return the user's class with laws; those with a longer formula, and all others but terms, are components."""
+    """Return the user's class with laws; those with a longer formula, and all others but terms, are components.
+
+    Where something that is to be edited stands in a base class, base classes are written out."""
     structure = alias_structure(flat)
-    target = ClassWithLaws(
-        known, user, placed_laws, title, inherits=_edits_base_class(known, user[1], flat, placed_laws)
-    )
+    target = ClassWithLaws(known, user, placed_laws, title, inherits=inherits)
     signals, connections = SignalWriter(target, structure), ConnectionWriter(target, known, structure)
     write: Mapping[str, Callable[[PlacedLaw], None]] = {
         "input": signals.write_at_input,
@@ -245,32 +238,14 @@ def with_laws_written(
         "node": connections.write_at_node,
         "series": connections.write_in_series,
     }
-    for placed in sorted(placed_laws, key=lambda p: _WRITING_ORDER.get(p.port.attachment, 2)):
-        write[placed.port.attachment](placed)
+    try:
+        for placed in sorted(placed_laws, key=lambda p: _WRITING_ORDER.get(p.port.attachment, 2)):
+            write[placed.port.attachment](placed)
+    except InputError:
+        if inherits or not user[1].bases():
+            raise
+        return with_laws_written(known, user, flat, placed_laws, title, max_formula_length, inherits=True)
     return target
-
-
-def _edits_base_class(known: Sources, cls: ClassText, flat: FlatModel, placed_laws: Sequence[PlacedLaw]) -> bool:
-    """Return whether something that is to be edited stands in a base class of the user's class."""
-    own = {c.name for c in cls.components()}
-    for placed in placed_laws:
-        for port in (placed.port, *([placed.neighbour] if placed.neighbour else ())):
-            if port.attachment == "signal" and "." in port.signals["u"]:
-                if not component_connections(cls, port.signals["u"]):
-                    return True
-            elif (
-                port.attachment in ("input", "output", "signal") and parse_reference(port.signals["u"]).name not in own
-            ):
-                return True
-            if port.attachment == "equation":
-                equation = equation_of(flat, port)
-                stated = class_of(known, equation)
-                inside = without_indices(equation.component)[0]
-                if (inside and inside not in own) or (not inside and stated is not cls):
-                    return True
-            if port.attachment == "series" and not edits_in_series("", cls, port, ["law"]):
-                return True
-    return False
 
 
 def read_sources(sources: Sequence[Path], flat: FlatModel | None = None) -> Sources:

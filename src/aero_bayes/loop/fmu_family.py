@@ -16,12 +16,13 @@ from aero_bayes.estimate.measured_data import MeasuredData
 from aero_bayes.estimate.parameters import Parameter
 from aero_bayes.files import write_whole
 from aero_bayes.laws.attach import attached
-from aero_bayes.laws.balance import Balance, Port, PortKind, signal_port
+from aero_bayes.laws.balance import Balance, Port, PortKind, Signal, signal_port
 from aero_bayes.laws.candidates import Candidate, PlacedLaw, find_candidates, identifier, with_applicable_laws
 from aero_bayes.laws.class_with_laws import class_text
-from aero_bayes.laws.coupled_fmu import BASE, INPUT, STATE, UNREAD_SUFFIX, Coupling, Source, Terms, couple
+from aero_bayes.laws.coupled_fmu import BASE, INPUT, STATE, UNREAD_SUFFIX, Source, Terms, couple
 from aero_bayes.laws.law_places import LawPlaces
 from aero_bayes.laws.open_ports import OpenModel
+from aero_bayes.laws.wiring import wiring
 from aero_bayes.laws.write_model import WrittenModel
 from aero_bayes.loop.modelica_family import ExtendedModel, ModelicaFamily, OpenSimulator, PortNominals
 from aero_bayes.loop.nominal_values import (
@@ -129,9 +130,9 @@ class FmuPlaces(LawPlaces):
                     Balance(k, Number(1.0), force.unit),
                 )  # fmt: skip
 
-    def state_signal(self, state: Variable) -> str:
+    def state_signal(self, state: Variable) -> Signal:
         """Return the name under which laws read a state."""
-        return f"{self.names[state.name]}{INSIDE}"
+        return Signal.of(f"{self.names[state.name]}{INSIDE}")
 
     def _outside(self, state: Variable) -> str:
         """Return the name of the output that equals a state, else the name of the state."""
@@ -140,14 +141,14 @@ class FmuPlaces(LawPlaces):
 
     def opened(self) -> OpenModel:
         """Return the FMU with its inputs, outputs and states under the names by which laws know them."""
-        model, signals = self.inner, dict[str, Terms]()
+        model, signals = self.inner, dict[Signal, Terms]()
         states = {s.value_reference: k for k, s in enumerate(model.states)}
         for k, v in enumerate(model.inputs):
-            signals[self.names[v.name]] = ((Source(INPUT, k), 1.0),)
+            signals[Signal.of(self.names[v.name])] = ((Source(INPUT, k), 1.0),)
         for v in model.outputs:
             state = states.get(v.value_reference)
             source = Source(BASE, v.value_reference) if state is None else Source(STATE, state)
-            signals[self.names[v.name]] = ((source, 1.0),)
+            signals[Signal.of(self.names[v.name])] = ((source, 1.0),)
         for k, s in enumerate(model.states):
             signals[self.state_signal(s)] = ((Source(STATE, k), 1.0),)
         probes = {p.id: model.inputs[p.balance.equation].name for p in self.ports if p.balance is not None}
@@ -164,15 +165,9 @@ def _imported_class(inner: Model) -> str:
     return f"M{name}_fmu" if name[0].isdigit() else f"{name}_fmu"
 
 
-def wrapper_text(
-    coupling: Coupling,
-    placed_laws: Sequence[PlacedLaw],
-    names: Mapping[str, str],
-    values: Mapping[str, float],
-    name: str,
-) -> str:
-    """Return the Modelica model of an imported FMU with laws around it; ``names`` are those of inputs and outputs."""
-    inner = coupling.base
+def wrapper_text(places: FmuPlaces, placed_laws: Sequence[PlacedLaw], values: Mapping[str, float], name: str) -> str:
+    """Return the Modelica model of an imported FMU with laws around it."""
+    inner, names = places.inner, places.names
     cls = _imported_class(inner)
     lines = [
         "within ;",
@@ -193,44 +188,38 @@ def wrapper_text(
         lines += [
             f"  {line}" for line in class_text(placed.law, _law_name(placed), nominals=placed.all_nominals, signals={})
         ]
-    lines += ["equation", *(f"  {e};" for e in _equations(coupling, placed_laws, names))]
+    lines += ["equation", *(f"  {e};" for e in _equations(places, placed_laws))]
     return "\n".join([*lines, f"end {name};", ""])
 
 
-def _equations(coupling: Coupling, placed_laws: Sequence[PlacedLaw], names: Mapping[str, str]) -> Iterator[str]:
-    """Yield the table of a coupling as equations."""
-    inner = coupling.base
+def _equations(places: FmuPlaces, placed_laws: Sequence[PlacedLaw]) -> Iterator[str]:
+    """Yield the equations that wire the FMU and the laws."""
+    inner, names, wires = places.inner, places.names, wiring(placed_laws)
     shown = {v.value_reference: v.name for v in inner.outputs}
-    # an input of the FMU is set again where more is known: the last time is the whole
-    terms = {(s.part, s.reference): s.terms for s in coupling.settings}
-
-    def value(source: Source) -> str:
-        if source.part == INPUT:
-            return names[coupling.inputs[source.reference]]
-        if source.part > BASE:
-            law = coupling.laws[source.part - 1]
-            return f"{law.name}.{next(v.name for v in law.model.outputs if v.value_reference == source.reference)}"
-        if source.part == STATE:
-            state = inner.states[source.reference]
-            return f"{PLANT}.{_reference(shown.get(state.value_reference, state.name))}"
-        return f"{PLANT}.{_reference(shown[source.reference])}"
-
-    def total(part: int, reference: int | None) -> str:
-        given = terms.get((part, reference), ()) if reference is not None else ()
-        signed = "".join(f"{' + ' if gain > 0.0 else ' - '}{value(source)}" for source, gain in given)
-        return signed.removeprefix(" + ").strip() or "0"
-
-    for v in inner.inputs:
-        yield f"{PLANT}.{_reference(v.name)} = {total(BASE, v.value_reference)}"
-    for part, placed in enumerate(placed_laws, 1):
-        known = {v.name: v.value_reference for v in coupling.laws[part - 1].model.inputs}
-        for name in placed.law.interface.inputs:
-            if name in placed.law.used_inputs:
-                yield f"{placed.instance}.{name} = {total(part, known.get(name))}"
+    inside = {Signal.of(names[v.name]): _in_plant(v.name) for v in inner.outputs}
+    inside |= {places.state_signal(s): _in_plant(shown.get(s.value_reference, s.name)) for s in inner.states}
+    last = {(w.law.port.attachment, w.law.port.acted_on): _given(w.law) for w in wires if w.outermost}
+    for k, v in enumerate(inner.inputs):
+        at = ((w, added) for w in wires for added in w.added if added.port.balance and added.port.balance.equation == k)
+        terms = (f" {'-' if added.sign > 0 else '+'} {w.law.instance}.{added.output}" for w, added in at)
+        acting = last.get(("input", Signal.of(names[v.name])), names[v.name])
+        yield f"{_in_plant(v.name)} = {acting}{''.join(terms)}"
+    for wired in sorted(wires, key=lambda w: placed_laws.index(w.law)):
+        for read in (read for read in wired.reads if read.input in wired.law.law.used_inputs):
+            acting = str(read.signal) if read.raw else last.get(("input", read.signal), str(read.signal))
+            value = inside.get(read.signal, acting) if read.after is None else _given(read.after)
+            yield f"{wired.law.instance}.{read.input} = {value}"
     for v in inner.outputs:
         if v.kind == "real":
-            plain = f"{PLANT}.{_reference(v.name)}"
-            yield f"{names[v.name]} = {value(coupling.outputs[v.name]) if v.name in coupling.outputs else plain}"
+            yield f"{names[v.name]} = {last.get(('output', Signal.of(names[v.name])), _in_plant(v.name))}"
+
+
+def _in_plant(name: str) -> str:
+    return f"{PLANT}.{_reference(name)}"
+
+
+def _given(placed: PlacedLaw) -> str:
+    return f"{placed.instance}.{placed.law.interface.output}"
 
 
 def _modifier(bound: Sequence[str]) -> str:
@@ -326,14 +315,13 @@ class FmuFamily(ModelicaFamily):
     ) -> tuple[WrittenModel, Model]:
         """Write ``NAME.mo`` for other tools, and ``NAME.fmu``."""
         name = "_".join([self.places.title, *(u.instance for u in placed_laws)])
-        coupling, none = (attached(self._opened(), laws, self.blocks) for laws in (placed_laws, ()))
-        names, values = self.places.names, {**self._fixed_values, **values}
-        text = wrapper_text(coupling, placed_laws, names, values, name)
+        values = {**self._fixed_values, **values}
+        text = wrapper_text(self.places, placed_laws, values, name)
         folder.mkdir(parents=True, exist_ok=True)
         path = folder / f"{name}.mo"
         write_whole(path, text)
-        couple(coupling, folder / f"{name}.fmu")
-        before = wrapper_text(none, (), names, values, name)
+        couple(attached(self._opened(), placed_laws, self.blocks), folder / f"{name}.fmu")
+        before = wrapper_text(self.places, (), values, name)
         written = WrittenModel(name, path, text, before, f"{self.places.title}.mo")
         return written, Model.load(folder / f"{name}.fmu")
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import itertools
 import math
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
@@ -34,6 +33,7 @@ from aero_bayes.laws.law_places import START, LawPlaces, is_held
 from aero_bayes.laws.open_ports import (
     CurveBasis,
     OpenModel,
+    built_once,
     curve_basis,
     open_model,
     state_aliases,
@@ -261,7 +261,7 @@ class ModelicaFamily:
     def curves(self) -> Mapping[str, str]:
         """Return learned curves, and the variable over which each is learned."""
         found = {id_: p for id_, p in self.placed.items() if p.law.curve_input}
-        return {id_: p.port.signals.get(p.law.curve_input, p.port.id) for id_, p in found.items()}
+        return {id_: str(p.port.signals.get(p.law.curve_input, p.port.id)) for id_, p in found.items()}
 
     def basis(self, id_: str) -> CurveBasis:
         """Return the basis functions of a learned curve."""
@@ -303,12 +303,11 @@ class ModelicaFamily:
             raise AlgebraicLoopError
         base = self._opened()
         given = [(u.id, u.instance, u.names, u.all_nominals) for u in placed_laws]
-        key = hashlib.sha256(f"{base.model.sha256}{given}".encode()).hexdigest()[:16]
-        out = self.folder / f"{self.places.title}-attached-{key}.fmu"
-        if not out.exists():
-            self.folder.mkdir(parents=True, exist_ok=True)
-            couple(attached(base, placed_laws, self.blocks), out)
-        return Model.load(out)
+        of = f"{base.model.sha256}{given}"
+        return built_once(
+            self.folder, f"{self.places.title}-attached", of,
+            lambda out: couple(attached(base, placed_laws, self.blocks), out),
+        )  # fmt: skip
 
     def _simulated(self, placed_laws: Sequence[PlacedLaw]) -> Model:
         """Return the model with those laws whose equations are solved."""
@@ -399,7 +398,7 @@ class ModelicaFamily:
         # the output on which a law acts is known by what the law reads in its place
         every = (part for placed in (*self.placed.values(), *self._written) for part in placed.parts)
         acting = [p for p in every if p.port.attachment == "output"]
-        read = {f"{p.instance}.u": p.port.signals["u"] for p in acting}
+        read = {f"{p.instance}.u": p.port.signals["u"].first for p in acting}
         there = states_by_base_name(model, self.places.structure, self._aliases, read)
         return state_names(base, self.places.structure, there)
 
@@ -416,9 +415,8 @@ class ModelicaFamily:
 
     def _export(self, flat: FlatModel, what: str) -> Model:
         """Return the FMU of a flat model. The hash of the flat model is part of the file name."""
-        key = hashlib.sha256(repr(flat).encode()).hexdigest()[:16]
-        out = self.folder / f"{self.places.title}-{what}-{key}.fmu"
-        if not out.exists():
-            self.folder.mkdir(parents=True, exist_ok=True)
+
+        def build(out: Path) -> None:
             export_flat(flat, out, members=declared_members(self.places.base, self.places.sources))
-        return Model.load(out)
+
+        return built_once(self.folder, f"{self.places.title}-{what}", repr(flat), build)

@@ -16,7 +16,7 @@ from aero_bayes.estimate.calibration import Calibration
 from aero_bayes.estimate.local_fit import OpenSimulator, Optimum
 from aero_bayes.estimate.measured_data import MeasuredData
 from aero_bayes.laws.aliases import AliasStructure, alias_structure
-from aero_bayes.laws.balance import KELVIN, Port, signal_expression
+from aero_bayes.laws.balance import KELVIN, PORT_KINDS, Port
 from aero_bayes.laws.probes import with_probe
 from aero_bayes.modelica.compose import add_output
 from aero_bayes.modelica.embedded import export_flat
@@ -157,9 +157,9 @@ def port_nominals(
     outputs = _AddedOutputs(flat)
     acting: dict[str, list[str]] = {}
     seen: dict[str, dict[str, str]] = {}
-    levels = {p.id: signal_expression(p.signals["h"]) for p in ports if p.kind == "storage"}
+    levels = {p.id: p.signals["h"].expression for p in ports if p.kind == "storage"}
     for port in ports:
-        seen[port.id] = {signal: outputs.of(signal_expression(variable)) for signal, variable in port.signals.items()}
+        seen[port.id] = {signal: outputs.of(given.expression) for signal, given in port.signals.items()}
         if port.kind == "storage" and port.neighbours:
             seen[port.id]["d"] = outputs.of(Call("-", (levels[port.id], levels[port.neighbours[0]])))
         acting[port.id] = [outputs.of(term) for term in _terms(flat, port)]
@@ -264,7 +264,7 @@ def _first_readings(structure: AliasStructure, ports: Sequence[Port], data: Meas
     first = data.experiments[0]
     found = {}
     for port in ports:
-        level = structure.of(port.signals.get("h", ""))
+        level = structure.of(str(port.signals.get("h", "")))
         for column, output in enumerate(first.outputs):
             if output in structure.members(level) and first.measured is not None:
                 seen = np.flatnonzero(np.isfinite(first.measured[:, column]))[:LEVEL_READINGS]
@@ -396,14 +396,14 @@ def _nominals(
                 simulated = zip(data.experiments, found.get(seen["u"], ()), strict=False)
                 inputs = [InputSignal(seen["u"], e.time, y) for e, y in simulated]
             nominals = {"u_n": signal_nominal([s.values for s in inputs]), "w_n": relative_change(inputs, time)}
-    elif port.kind == "motion":
-        speed = own.get("v", 0.0)
-        place = own.get("x", speed * time)
-        nominals = {"f_n": act, "v_n": speed, "x_n": place, "x_w": place}
-    elif port.kind == "electrical":
-        nominals = {"v_n": act, "i_n": own.get("i", 0.0)}
     else:
-        nominals = {"q_n": act, "h_n": own.get("h", 0.0), "d_n": own.get("d", 0.0)}
+        kind = PORT_KINDS[port.kind]
+        nominals = {kind.size: act, **{f"{signal}_n": own.get(signal, 0.0) for signal in kind.signals}}
+        if port.kind == "motion":
+            place = own.get("x", nominals["v_n"] * time)
+            nominals |= {"x_n": place, "x_w": place}
+        elif port.kind == "storage":
+            nominals["d_n"] = own.get("d", 0.0)
     nominals = {name: value if value > MIN_NOMINAL else 1.0 for name, value in nominals.items()}
     if port.kind == "motion" and "x" in own:
         low, high = np.quantile(np.concatenate(found[seen["x"]]), (1.0 - NOMINAL_QUANTILE, NOMINAL_QUANTILE))
