@@ -173,7 +173,7 @@ def _port_responses(family: ModelicaFamily, found: Fit) -> tuple[dict[str, float
     flat, probed = _with_probes(flat, inside, sizes)
     model = Model.load(export_flat(flat, family.folder / "probed.fmu"))
     own = len(found.calibration.parameters)
-    probes = [_probe(name, p, sizes[p.id][PORT_KINDS[p.kind].size]) for p in inside for name in probed[p.id]]
+    probes = [_probe(name, p, sizes[p.id][f"{PORT_KINDS[p.kind].acts}_n"]) for p in inside for name in probed[p.id]]
     calibration = family.transfer(found.calibration, model)
     calibration = replace(calibration, parameters=calibration.parameters.extended(probes))
     free = found.free
@@ -239,7 +239,7 @@ def _reading_responses(
     for q, port in enumerate(ports):
         own = [k for k, series in enumerate(objective.series) if series.output == port.signals["u"].first]
         fastest = np.quantile(np.abs(np.concatenate([rates[k] for k in own])), NOMINAL_QUANTILE) if own else 0.0
-        size = sizes[port.id][PORT_KINDS[port.kind].size]
+        size = sizes[port.id][f"{PORT_KINDS[port.kind].acts}_n"]
         for k in own:
             late = -size / fastest * rates[k] if fastest > 0.0 else np.zeros_like(rates[k])
             rows[k][3 * q : 3 * q + 3] = np.full_like(rates[k], size), predicted[k], late

@@ -72,14 +72,6 @@ class LawBlocks:
                 raise AlgebraicLoopError(f"{placed.id}: {error}") from None
         return self._exported[key]
 
-    def step_input(self, placed: PlacedLaw) -> str | None:
-        """Return the input of a law's FMU by whose sign it steps, if its step may be held."""
-        if all(v.name != HELD for v in self.model(placed).inputs):
-            return None
-        step = step_of(self.models[placed.law.kind, placed.law.id], placed.law)
-        assert step is not None
-        return step[0].name
-
     def attached(self, placed: PlacedLaw) -> AttachedLaw:
         """Return the FMU of a placed law, with its parameters and sizes."""
         model, sizes = self.model(placed), placed.all_nominals
@@ -213,8 +205,10 @@ class _Attaching:
     def _relay(self) -> Relay | None:
         """Return the first law that steps by the sign of a sum of states, and this sum."""
         for k, placed in enumerate(self.placed):
-            name = self.blocks.step_input(placed)
-            terms = self._read(self.wires[placed.instance]).get(name, ()) if name is not None else ()
+            if all(v.name != HELD for v in self.blocks.model(placed).inputs):
+                continue
+            step = step_of(self.blocks.models[placed.law.kind, placed.law.id], placed.law)
+            terms = self._read(self.wires[placed.instance]).get(step[0].name, ()) if step is not None else ()
             if terms and all(source.part == STATE for source, _ in terms):
                 return Relay(k, terms)
         return None

@@ -185,11 +185,6 @@ class KindOfPort:
     acts: str
     signals: tuple[str, ...]
 
-    @property
-    def size(self) -> str:
-        """The nominal value of what is added."""
-        return f"{self.acts}_n"
-
 
 PORT_KINDS: Mapping[PortKind, KindOfPort] = {
     "input": KindOfPort("u", ("u",)),

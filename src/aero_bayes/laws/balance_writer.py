@@ -21,7 +21,6 @@ from aero_bayes.modelica.syntax import Expression, Name
 
 #: Longest formula that is written as a term. A law with a longer one is written as a component.
 MAX_FORMULA_LENGTH = 70
-_COMMA = frozenset({","})
 
 
 class BalanceWriter:
@@ -119,7 +118,7 @@ class BalanceWriter:
         if not s.inside:
             return [None]
         words = [t.word for t in s.head]
-        if s.inside != ("for",) or words[2:3] != ["in"] or find_outside(s.head, _COMMA) < len(s.head):
+        if s.inside != ("for",) or words[2:3] != ["in"] or find_outside(s.head, frozenset({","})) < len(s.head):
             return []
         most = max((max(v.sizes) for v in self.flat.variables if v.sizes), default=0)
         return [(s.head[1].word, k) for k in range(most + 2)]

@@ -338,14 +338,10 @@ def identifier(path: str) -> str:
 
 def describe_law(law: Law, port: Port, where: str = "") -> str:
     """Return a phrase about a law and its port, or about ``where`` it acts."""
-    return f"{in_sentence(law.description)} at {in_words(where or port.id)}"
+    about = law.description
+    return f"{about[:1].lower()}{about[1:]} at {in_words(where or port.id)}"
 
 
 def in_words(place: str) -> str:
     """Return the ids of ports as they stand within a sentence."""
     return place.replace("+", " and ")
-
-
-def in_sentence(description: str) -> str:
-    """Return a description as it stands within a sentence."""
-    return description[:1].lower() + description[1:]

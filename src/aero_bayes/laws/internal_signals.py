@@ -101,10 +101,6 @@ def _acts(s: AliasStructure, e: FlatEquation, name: str) -> bool:
     return name in names_in(e.left) | names_in(e.right)
 
 
-def _gives(e: FlatEquation, name: str) -> bool:
-    return e.left == Name(name) and not e.component and e.origin in ("component", "binding") and not derived_in(e)
-
-
 def _explicit_variables(s: AliasStructure, flat: FlatModel) -> dict[str, int]:
     """Return local variables that exactly one explicit equation defines, with the index of that equation."""
     derived = {n for e in s.flat.equations for n in derived_in(e)}
@@ -115,7 +111,8 @@ def _explicit_variables(s: AliasStructure, flat: FlatModel) -> dict[str, int]:
     }  # fmt: skip
     found: dict[str, list[int]] = {}
     for index, e in enumerate(flat.equations):
-        if isinstance(e.left, Name) and e.left.name in local and _gives(e, e.left.name):
+        own = not e.component and e.origin in ("component", "binding") and not derived_in(e)
+        if own and isinstance(e.left, Name) and e.left.name in local and not e.left.subscripts:
             found.setdefault(e.left.name, []).append(index)
     return {name: indices[0] for name, indices in found.items() if len(indices) == 1}
 

@@ -10,6 +10,7 @@ from typing import Literal
 
 from aero_bayes.errors import InputError
 from aero_bayes.modelica.classes import ClassText, ComponentDeclaration, annotation_arguments, snake_case
+from aero_bayes.modelica.graphs import reachable
 from aero_bayes.modelica.library import modelica_root
 from aero_bayes.modelica.parse import Token, evaluate_expression, parse_expression
 from aero_bayes.modelica.sources import inline_base_classes, modelica_files, sources_in
@@ -62,11 +63,6 @@ class LawParameter:
     description: str
     terms: Mapping[str, Expression]
     declared_unit: str = ""
-
-    def check(self, nominals: Mapping[str, float]) -> None:
-        """Raise InputError for an attribute that is no expression in nominal values."""
-        for of in self.terms:
-            self.value(of, nominals)
 
     def value(self, of: str, nominals: Mapping[str, float]) -> float:
         """Return the number of the default or an attribute."""
@@ -166,15 +162,11 @@ def read_laws(sources: Sequence[Path]) -> tuple[Law, ...]:
 
 def _partial_model(cls: ClassText, known: Mapping[str, ClassText]) -> str | None:
     """Return the name of the partial model that a class extends, directly or through others."""
-    waiting, seen = list(cls.bases()), set[str]()
-    while waiting:
-        name = waiting.pop().rpartition(".")[2]
-        if name in LAW_INTERFACES:
-            return name
-        if name in known and name not in seen:
-            seen.add(name)
-            waiting += known[name].bases()
-    return None
+
+    def bases(of: ClassText | None) -> list[str]:
+        return [name.rpartition(".")[2] for name in of.bases()] if of is not None else []
+
+    return next((n for n in reachable(bases(cls), lambda n: bases(known.get(n))) if n in LAW_INTERFACES), None)
 
 
 def _law(cls: ClassText, interface: LawInterface, base: ClassText, text: str, merged: ClassText) -> Law:
@@ -187,7 +179,8 @@ def _law(cls: ClassText, interface: LawInterface, base: ClassText, text: str, me
         raise InputError("a law needs a parameter with the attribute nominal")
     nominals = {c.name: evaluate_expression(parse_expression(c.binding), {}) for c in inherited if _is_nominal(c)}
     for p in fitted:
-        p.check(dict.fromkeys(nominals, 1.0) | {"h_z": 0.0})
+        for of in p.terms:  # InputError for what is no expression in nominal values
+            p.value(of, dict.fromkeys(nominals, 1.0) | {"h_z": 0.0})
     words = {t.word for s in cls.equations for t in s.tokens if t.kind == "name"}
     words |= {t.word for c in own for t in c.binding if t.kind == "name"}
     (extends,) = (s for s in cls.declarations if s.first == "extends")

@@ -22,19 +22,14 @@ def with_drive(flat: FlatModel, port: Port, term: Expression, neighbour: Port | 
     if signal := port.signals.get("u"):
         flat = separate_elements(flat, str(signal))
     flat = _with_term(flat, port, term, -1.0)
-    return flat if neighbour is None or port.kind != "motion" else add_to_balance(flat, neighbour, term, 1.0)
+    return flat if neighbour is None or port.kind != "motion" else _with_term(flat, neighbour, term, 1.0)
 
 
 def _with_term(flat: FlatModel, port: Port, term: Expression, sign: float) -> FlatModel:
-    if port.defining_equation is None and port.attachment != "input":
-        return add_to_balance(flat, port, term, sign)
-    signal = str(port.signals["u"])
-    kept = defining_equations(flat, port) if port.defining_equation is not None else ()
-    return replace_uses(flat, signal, Call("+", (parse_reference(signal), term)), kept)
-
-
-def add_to_balance(flat: FlatModel, port: Port, term: Expression, sign: float) -> FlatModel:
-    """Add a term to the balance of a port, or to its potential; it opposes a change, or drives it with ``sign`` -1."""
+    """Add a term to a signal, to a balance or to its potential; it opposes a change, or drives with ``sign`` -1."""
+    if port.defining_equation is not None or port.attachment == "input":
+        signal = str(port.signals["u"])
+        return replace_uses(flat, signal, Call("+", (parse_reference(signal), term)), defining_equations(flat, port))
     if port.balance is None:
         raise InputError(f"the port {port.id!r} has no balance")
     signed = term if sign > 0.0 else Call("neg", (term,))

@@ -85,18 +85,11 @@ class ConnectionWriter:
         ]
         if placed.instance != mine[0]:
             return
-        edits = edits_in_series(self.target.file.text, self.target.cls, port, mine)
+        chain = [(f"{c}.p", f"{c}.n") for c in mine]
+        edits = insert_before_connector(self.target.file.text, self.target.cls.equations, right, chain)
         if not edits:
             raise InputError(f"{self.target.cls.full_name}: no connection of {left} and {right} stands in the class")
         self.target.edits += edits
-
-
-def edits_in_series(text: str, cls: ClassText, port: Port, chain: Sequence[str]) -> list[TextEdit]:
-    """Return edits that put a chain of components before the second connector of a port; empty without a connection."""
-    return insert_before_connector(text, cls.equations, port.connectors[1], [(f"{c}.p", f"{c}.n") for c in chain])
-
-
-_EQUALS = frozenset({"="})
 
 
 class SignalWriter:
@@ -193,7 +186,9 @@ class SignalWriter:
         """Keep only the units of what is no state any more."""
         if c.arguments:
             parts = split_outside(c.arguments[1:-1])
-            kept = [p for p in parts if {"unit", "displayUnit"} & {t.word for t in p[: find_outside(p, _EQUALS)]}]
+            kept = [
+                p for p in parts if {"unit", "displayUnit"} & {t.word for t in p[: find_outside(p, frozenset({"="}))]}
+            ]
             text = f"({', '.join(text_of(self.target.file.text, p) for p in kept)})" if kept else ""
             self.target.edits.append(TextEdit(c.arguments[0].start, c.arguments[-1].end, text))
 
@@ -212,40 +207,6 @@ def component_connections(cls: ClassText, name: str) -> list[tuple[SourceStateme
 
 #: Laws at outputs are written first, then those at inputs: a law in a balance reads the variables that these declare.
 _WRITING_ORDER: Mapping[Attachment, int] = {"output": 0, "input": 1}
-
-
-def with_laws_written(
-    known: Sources,
-    user: tuple[SourceFile, ClassText],
-    flat: FlatModel,
-    placed_laws: Sequence[PlacedLaw],
-    title: str,
-    max_formula_length: int,
-    *,
-    inherits: bool = False,
-) -> ClassWithLaws:
-    """Return the user's class with laws; those with a longer formula, and all others but terms, are components.
-
-    Where something that is to be edited stands in a base class, base classes are written out."""
-    structure = alias_structure(flat)
-    target = ClassWithLaws(known, user, placed_laws, title, inherits=inherits)
-    signals, connections = SignalWriter(target, structure), ConnectionWriter(target, known, structure)
-    write: Mapping[str, Callable[[PlacedLaw], None]] = {
-        "input": signals.write_at_input,
-        "output": signals.write_at_output,
-        "signal": signals.write_at_signal,
-        "equation": BalanceWriter(target, known, flat, structure, max_formula_length).write,
-        "node": connections.write_at_node,
-        "series": connections.write_in_series,
-    }
-    try:
-        for placed in sorted(placed_laws, key=lambda p: _WRITING_ORDER.get(p.port.attachment, 2)):
-            write[placed.port.attachment](placed)
-    except InputError:
-        if inherits or not user[1].bases():
-            raise
-        return with_laws_written(known, user, flat, placed_laws, title, max_formula_length, inherits=True)
-    return target
 
 
 def read_sources(sources: Sequence[Path], flat: FlatModel | None = None) -> Sources:
@@ -360,10 +321,31 @@ def _edited_source(
     placed_laws: Sequence[PlacedLaw],
     title: str,
     max_formula_length: int = MAX_FORMULA_LENGTH,
+    *,
+    inherits: bool = False,
 ) -> tuple[str, str, str]:
-    """Return the text with laws, and the text before with its name, for the diff."""
-    known = read_sources(sources, flat)
-    found = known.find(model)
-    target = with_laws_written(known, found, flat, placed_laws, title, max_formula_length)
-    before, old = ("", "/dev/null") if target.extends else (target.original(), found[0].file)
+    """Return the text with laws, and the text before with its name, for the diff.
+
+    Laws with a longer formula, and all others but terms, are components. Where something that is to be edited stands in
+    a base class, base classes are written out (``inherits``)."""
+    known, structure = read_sources(sources, flat), alias_structure(flat)
+    user = known.find(model)
+    target = ClassWithLaws(known, user, placed_laws, title, inherits=inherits)
+    signals, connections = SignalWriter(target, structure), ConnectionWriter(target, known, structure)
+    write: Mapping[str, Callable[[PlacedLaw], None]] = {
+        "input": signals.write_at_input,
+        "output": signals.write_at_output,
+        "signal": signals.write_at_signal,
+        "equation": BalanceWriter(target, known, flat, structure, max_formula_length).write,
+        "node": connections.write_at_node,
+        "series": connections.write_in_series,
+    }
+    try:
+        for placed in sorted(placed_laws, key=lambda p: _WRITING_ORDER.get(p.port.attachment, 2)):
+            write[placed.port.attachment](placed)
+    except InputError:
+        if inherits or not user[1].bases():
+            raise
+        return _edited_source(sources, model, flat, placed_laws, title, max_formula_length, inherits=True)
+    before, old = ("", "/dev/null") if target.extends else (target.original(), user[0].file)
     return target.written(), before, old

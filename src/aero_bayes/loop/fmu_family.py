@@ -178,7 +178,8 @@ def wrapper_text(places: FmuPlaces, placed_laws: Sequence[PlacedLaw], values: Ma
     shown = [(v, "input") for v in inner.inputs] + [(v, "output") for v in inner.outputs if v.kind == "real"]
     for v, causality in shown:
         unit = f'(unit = "{v.unit}")' if v.unit else ""
-        lines.append(f"  {causality} Real {names[v.name]}{unit}{_described(v)};")
+        about = f' "{v.description}"' if v.description and '"' not in v.description else ""
+        lines.append(f"  {causality} Real {names[v.name]}{unit}{about};")
     given = [f"{_reference(p.name)} = {values[p.name]!r}" for p in inner.parameters if p.name in values]
     lines.append(f"  {cls} {PLANT}{_modifier(given)};")
     for placed in placed_laws:
@@ -228,10 +229,6 @@ def _modifier(bound: Sequence[str]) -> str:
 
 def _law_name(placed: PlacedLaw) -> str:
     return "".join(part.capitalize() for part in re.split(r"_+", placed.instance))
-
-
-def _described(v: Variable) -> str:
-    return f' "{v.description}"' if v.description and '"' not in v.description else ""
 
 
 def _reference(name: str) -> str:

@@ -35,17 +35,13 @@ def held_values(plain: Calibration, narrowed: CandidateFilter) -> dict[str, Para
         return p.free_if_identified or narrowed.accepts(f"{VALUE}{p.name}", "value", p.name)
 
     values = {f"{VALUE}{p.name}": p for p in found[:MOST_VALUES] if wanted(p)}
-    starts = _shared_starts(plain)
-    return values | {i: p for i, p in starts.items() if narrowed.accepts(i, "start", i.removeprefix(START))}
-
-
-def _shared_starts(plain: Calibration) -> dict[str, Parameter]:
-    """The starts of states that the model fixes, by the ids of their terms: one for all recordings."""
     end = recording_suffix(plain.data.recordings, 0)
-    return {
+    # one start for all recordings
+    starts = {
         f"{START}{state}": replace(own[0], name=own[0].name.removesuffix(end), recording=None, starts=(state,))
         for state, own in list(held_starts(plain).items())[:MOST_VALUES]
     }
+    return values | {i: p for i, p in starts.items() if narrowed.accepts(i, "start", i.removeprefix(START))}
 
 
 def held_candidate(id_: str, held: Parameter) -> CandidateTerm:

@@ -398,7 +398,7 @@ def _nominals(
             nominals = {"u_n": signal_nominal([s.values for s in inputs]), "w_n": relative_change(inputs, time)}
     else:
         kind = PORT_KINDS[port.kind]
-        nominals = {kind.size: act, **{f"{signal}_n": own.get(signal, 0.0) for signal in kind.signals}}
+        nominals = {f"{kind.acts}_n": act, **{f"{signal}_n": own.get(signal, 0.0) for signal in kind.signals}}
         if port.kind == "motion":
             place = own.get("x", nominals["v_n"] * time)
             nominals |= {"x_n": place, "x_w": place}
