@@ -69,7 +69,7 @@ def agree(
 
     def plain(state: str) -> str:
         """What the base calls a state and all that equals it: one on which a law acts has another name."""
-        name = read.get(state, state.removesuffix("_unread").removesuffix("_true"))
+        name = read.get(state, state.removesuffix("_unread").removesuffix("_true").replace("_true[", "["))
         return structure.of(name) if name in structure.variables else name
 
     with driven(attached_to(flat, placed_laws, blocks, folder / "attached").path) as fmu:
