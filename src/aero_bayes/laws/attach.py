@@ -173,7 +173,6 @@ class _Attaching:
             here.get(wired.law.port.attachment, waiting).append(wired)
         for wired in here["input"]:
             self._feed(wired)
-        for wired in here["input"]:
             if wired.outermost:
                 self.acting[self.base.inputs[self._acted_on(wired).reference]] = ((self._acts(wired.law), 1.0),)
         while waiting:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from aero_bayes.errors import InputError
 from aero_bayes.laws.candidates import PlacedLaw, describe_law, identifier
@@ -273,7 +273,11 @@ class ClassWithLaws:
 
         def inner(n: Name) -> Name:
             name = short_text(n)
-            return parse_reference(self.replacements.get(name, name)) if not read.raw or name in outputs else n
+            if read.raw and name not in outputs:
+                return n
+            # an array whose elements have laws is replaced as a whole
+            whole = replace(n, name=self.replacements.get(n.name, n.name))
+            return parse_reference(self.replacements[name]) if name in self.replacements else whole
 
         return modelica_text(map_names(read.signal.expression, inner), 2) or str(read.signal)
 

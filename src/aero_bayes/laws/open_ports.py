@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import zipfile
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from xml.etree import ElementTree
@@ -12,6 +12,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 from aero_bayes.arrays import FloatArray
+from aero_bayes.errors import InputError
 from aero_bayes.laws.aliases import AliasStructure, alias_structure
 from aero_bayes.laws.balance import Signal
 from aero_bayes.laws.candidates import PlacedLaw, identifier
@@ -149,20 +150,27 @@ Places = Mapping[str, tuple[Source, int]]
 
 
 def open_model(
-    base: Model, placed_laws: Iterable[PlacedLaw], flat: FlatModel, export: Callable[[FlatModel], Model]
+    base: Model,
+    placed_laws: Sequence[PlacedLaw],
+    closed: FlatModel,
+    export: Callable[[FlatModel], Model],
+    *,
+    with_rates: bool = True,
 ) -> OpenModel:
-    """Return a model with its ports open for some laws. ``base`` is the same model without open ports."""
+    """Return a model with its ports open for some laws. ``base`` is the same model without open ports, as ``closed``.
+
+    Where a law acts at once on an output, the derivative of that output is not known: then no ``rates`` are."""
     every = [part for placed in placed_laws for part in placed.parts]
     ports = {p.id: p for part in every for p in (part.port, part.neighbour) if p is not None}
     probes: dict[str, str] = {}
-    structure = alias_structure(flat)
+    flat, structure = closed, alias_structure(closed)
     for port in ports.values():
         if port.attachment not in ("input", "output"):
             probes[port.id] = f"{PROBE}{identifier(port.id)}"
             flat = with_probe(flat, port, probes[port.id], 1.0)
     read = [given for port in ports.values() for given in port.signals.values()]
     signals = dict.fromkeys(one for given in read for _, one in given.parts)
-    rated = dict.fromkeys(p.port.signals["u"] for p in every if p.law.needs_derivative)
+    rated = dict.fromkeys(p.port.signals["u"] for p in every if p.law.needs_derivative and with_rates)
     copied = {v.name: k for v in base.outputs if (k := base.copied_state(v.name)) is not None}
     asked = [(SIGNAL, one) for one in signals] + [(RATE, one) for one in rated if str(one) not in copied]
     shown: dict[tuple[str, Signal], str] = {}
@@ -178,7 +186,12 @@ def open_model(
             tree, out = one.expression, f"{kind}{identifier(str(one))}"
             shown[kind, one] = out = f"{out}_{len(shown)}" if out in shown.values() else out
             flat = add_output(flat, out, tree if kind == SIGNAL else Call("der", (tree,)))
-        model = export(flat)
+        try:
+            model = export(flat)
+        except InputError:
+            if not rated:
+                raise
+            return open_model(base, placed_laws, closed, export, with_rates=False)
         places = _places(model, structure)
     model = export(flat) if model is base else model
     places = _places(model, structure)
