@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 from aero_bayes.errors import InputError
 from aero_bayes.laws.aliases import AliasStructure, alias_structure, derived_names, is_derivative
@@ -124,12 +124,8 @@ def _balances(s: AliasStructure, flat: FlatModel) -> Iterator[Port]:
 # balance equations
 
 
-@dataclass(frozen=True)
-class _BalanceOption:
-    """An equation that may be the balance of a state, by its index among those of the structure."""
-
-    index: int
-    balance: Balance
+#: An equation that may be the balance of a state, by its index among those of the structure.
+_BalanceOption = tuple[int, Balance]
 
 
 def _assigned(s: AliasStructure, flat: FlatModel, states: Sequence[str], *, inside: bool) -> dict[str, _BalanceOption]:
@@ -158,11 +154,11 @@ def _assigned(s: AliasStructure, flat: FlatModel, states: Sequence[str], *, insi
             balance = find_balance(*within, is_driver(driver, whole=row > 0), values, units, (row, of) if row else None)
             if balance is not None:
                 away = row > 0 and places.get((equation, state)) != row
-                option = _BalanceOption(index, replace(balance, equation=equation, state=state))
+                option = index, replace(balance, equation=equation, state=state)
                 found.append((away, not _constant_factor(s, e, driver), option))
         options[state] = [option for *_, option in sorted(found, key=lambda f: f[:2])]
-    taken = assign([[option.index for option in options[x]] for x in states])
-    return {states[k]: next(o for o in options[states[k]] if o.index == index) for index, k in taken.items()}
+    taken = assign([[index for index, _ in options[x]] for x in states])
+    return {states[k]: next(o for o in options[states[k]] if o[0] == index) for index, k in taken.items()}
 
 
 def _rows_of(s: AliasStructure, states: Sequence[str]) -> dict[tuple[int, str], int]:
@@ -221,7 +217,7 @@ def _constant_factor(s: AliasStructure, e: FlatEquation, driver: str) -> bool:
 def _equation(s: AliasStructure, state: str, position: str, option: _BalanceOption | None) -> Port | None:
     if option is None:
         return None
-    e, balance = s.flat.equations[option.index], option.balance
+    e, balance = s.flat.equations[option[0]], option[1]
     own = _own_name(s, state)
     kind = kind_of(s, state, position)
     signals = signals_of(kind, own, _own_name(s, position) if position else "")

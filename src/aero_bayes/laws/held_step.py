@@ -22,26 +22,16 @@ def step_of(flat: FlatModel, law: Law) -> tuple[Name, Call] | None:
     Its width is final: of the solver's making. One that may be set is part of the law."""
     fitted = {p.name for p in law.parameters}
     fixed = {v.name for v in flat.variables if v.variability == "constant"} - fitted
-    found = {
-        part: by
-        for e in flat.equations
-        for tree in (e.left, e.right)
-        for part in walk(tree)
-        if isinstance(part, Call) and part.function == "tanh"
-        for by, width in [_quotient(part.args[0])]
-        if by is not None and width is not None and width.name in fixed and by.name not in fixed | fitted
-    }  # fmt: skip
+    found: dict[Call, Name] = {}
+    for part in (part for e in flat.equations for tree in (e.left, e.right) for part in walk(tree)):
+        match part:
+            case Call("tanh", (Call("/", (Name(_, ()) as by, Name(width, ()))),)):
+                if width in fixed and by.name not in fixed | fitted:
+                    found[part] = by
     if len(found) != 1 or law.kind in ("input", "output", "reading"):
         return None
     ((step, by),) = found.items()
     return by, step
-
-
-def _quotient(tree: Expression) -> tuple[Name | None, Name | None]:
-    match tree:
-        case Call("/", (Name(_, ()) as above, Name(_, ()) as below)):
-            return above, below
-    return None, None
 
 
 def with_held_step(flat: FlatModel, law: Law) -> FlatModel:
