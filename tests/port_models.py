@@ -117,6 +117,18 @@ equation
   J*der(w) = k_m*u - d*w;
 end Arm;
 """
+SERVO = """model Servo "An axis that follows a set point"
+  parameter Real k = 4;
+  input Real phi_set(unit = "rad");
+  output Real phi(unit = "rad", start = 0, fixed = true);
+  Real w(unit = "rad/s", start = 0, fixed = true);
+  Real e(unit = "rad");
+equation
+  e = phi_set - phi;
+  der(phi) = w;
+  0.1*der(w) = k*e - 0.3*w;
+end Servo;
+"""
 AXIS = """model Axis "A position loop"
   parameter Real J(unit = "kg", min = 0) = 0.6;
   parameter Real b(unit = "N.s/m", min = 0) = 1;
@@ -621,6 +633,7 @@ MODELS: dict[str, PortModel] = {
     ),
     "controller of a voltage": PortModel("Arm", ARM),
     "spring to a goal": PortModel("Arm", ARM.replace("- d*w", "- d*w - c*(phi - goal)")),
+    "position loop without units": PortModel("Servo", SERVO),
     "position loop": PortModel("Axis", AXIS),
     "blocks": PortModel("Blocks.Rig", BLOCKS),
     "integrators": PortModel("Chain.Rig", INTEGRATORS.replace("GAIN", "1")),
@@ -728,6 +741,9 @@ position loop
   z: storage equation m; h = z
   u: input signal N; u = u
   e: input signal m; u = e
+position loop without units
+  w: motion equation rad/s; v = w, x = phi, load = k * e - 0.3 * w
+  e: input signal rad; u = e
 blocks
   pi.z: storage equation -; h = pi.z
   plant.y: storage equation -; h = plant.y

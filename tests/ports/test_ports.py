@@ -49,6 +49,19 @@ def test_inputs_and_outputs_are_ports(laws, tmp_path):
 
 
 @pytest.mark.parametrize(
+    ("name", "port", "states"),
+    [
+        ("position loop", "u", "y v z"),
+        ("cascade", "g", "x"),
+        ("filters", "w", "x[1] x[2]"),
+        ("filters and a state by another name", "w", "x[2]"),
+    ],
+)
+def test_a_signal_has_the_states_from_which_it_is_computed(name, port, states, laws, tmp_path):
+    assert set(ports_of(name, tmp_path, laws)[port].states) == set(states.split())
+
+
+@pytest.mark.parametrize(
     ("name", "port", "offered", "refused"),
     [
         ("cart", "v", "coulomb_friction cubic_stiffness end_stop position_curve", ""),
