@@ -23,14 +23,12 @@ test -f Aero/package.mo || exit 1
 """
 
 
-def install(folder: Path, action: str, monkeypatch: pytest.MonkeyPatch) -> Path:
+def install(folder: Path, action: str, monkeypatch: pytest.MonkeyPatch) -> None:
     tool = folder / "bin" / "omc"
     tool.parent.mkdir()
-    log = folder / "script.mos"
-    tool.write_text(STAND_IN.format(log=log, action=action), encoding="utf-8")
+    tool.write_text(STAND_IN.format(log=folder / "script.mos", action=action), encoding="utf-8")
     tool.chmod(tool.stat().st_mode | stat.S_IEXEC)
     monkeypatch.setenv("PATH", f"{tool.parent}:/usr/bin:/bin")
-    return log
 
 
 def test_script_loads_everything_and_builds_both_kinds():
@@ -43,6 +41,28 @@ def test_script_loads_everything_and_builds_both_kinds():
     assert "-disableDirectionalDerivatives" in DERIVATIVES
 
 
+WRITE = 'printf x > modelDescription.xml; python3 -m zipfile -c "$name.fmu" modelDescription.xml'
+#: Code of derivatives that does not compile.
+ONLY_PLAIN = f"""if grep -q disableDirectional "$1"; then echo "x_12jac.c:7:3: error: 'y' undeclared"; exit 0
+    fi; {WRITE}"""
+
+
+@pytest.fixture
+def export(tmp_path, monkeypatch):
+    """``export(action, compiler)`` exports with an omc that does this; without a compiler the embedded one refuses."""
+
+    def refuse(*_: object, **__: object) -> None:
+        raise InputError("too hard")
+
+    def run(action: str, compiler: str | None = None) -> Path:
+        install(tmp_path, action, monkeypatch)
+        monkeypatch.setattr("aero_bayes.modelica.compilers.export_embedded", refuse)
+        given = {} if compiler is None else {"compiler": compiler}
+        return export_fmu("Aero.Systems.OneDof", tmp_path / "x.fmu", **given)
+
+    return run
+
+
 def test_missing_compiler_is_one_line(tmp_path, monkeypatch):
     monkeypatch.setenv("PATH", str(tmp_path))
     with pytest.raises(InputError, match=r"omc .* not on the PATH"):
@@ -50,52 +70,32 @@ def test_missing_compiler_is_one_line(tmp_path, monkeypatch):
     assert not (tmp_path / "x.fmu").exists()
 
 
-def test_what_omc_writes_becomes_the_output(tmp_path, monkeypatch):
-    action = 'printf x > modelDescription.xml; python3 -m zipfile -c "$name.fmu" modelDescription.xml'
-    log = install(tmp_path, action, monkeypatch)
-    out = export_fmu("Aero.Systems.OneDof", tmp_path / "x.fmu", compiler="omc")
-    with zipfile.ZipFile(out) as archive:
+@pytest.mark.parametrize(("action", "compiler"), [(WRITE, "omc"), (ONLY_PLAIN, "omc"), (WRITE, None)])
+def test_what_omc_writes_becomes_the_output(export, action, compiler, tmp_path):
+    with zipfile.ZipFile(export(action, compiler)) as archive:
         assert archive.namelist() == ["modelDescription.xml", "resources/aero_bayes.toml"]
-    assert "Aero.Systems.OneDof" in log.read_text(encoding="utf-8")
+    assert "Aero.Systems.OneDof" in (tmp_path / "script.mos").read_text(encoding="utf-8")
 
 
-def refuse(*_: object, **__: object) -> None:
-    raise InputError("too hard")
+@pytest.mark.parametrize(
+    ("compiler", "told"),
+    [(None, ("too hard", "Class Foo")), ("omc", ("Aero.Systems.OneDof", "omc", "Class Foo not found."))],
+)
+def test_an_error_of_omc_is_told(export, compiler, told):
+    with pytest.raises(InputError, match=facts(*told)) as caught:
+        export('echo "[x.mo:1:1-2:2] Error: Class Foo not found."', compiler)
+    assert "\n" not in str(caught.value)
 
 
-def test_what_the_embedded_exporter_refuses_goes_to_omc(tmp_path, monkeypatch):
-    action = 'printf x > modelDescription.xml; python3 -m zipfile -c "$name.fmu" modelDescription.xml'
-    install(tmp_path, action, monkeypatch)
-    monkeypatch.setattr("aero_bayes.modelica.compilers.export_embedded", refuse)
-    assert export_fmu("Aero.Systems.OneDof", tmp_path / "x.fmu").is_file()
-
-
-def test_both_refusals_are_told(tmp_path, monkeypatch):
-    install(tmp_path, 'echo "Error: Class Foo not found."', monkeypatch)
-    monkeypatch.setattr("aero_bayes.modelica.compilers.export_embedded", refuse)
-    with pytest.raises(InputError, match=r"too hard.*Class Foo"):
-        export_fmu("Aero.Systems.OneDof", tmp_path / "x.fmu")
-
-
-def test_derivatives_whose_code_does_not_compile_are_left_out(tmp_path, monkeypatch):
-    action = """if grep -q disableDirectional "$1"; then echo "x_12jac.c:7:3: error: 'y' undeclared"; exit 0
-    fi; printf x > modelDescription.xml; python3 -m zipfile -c "$name.fmu" modelDescription.xml"""
-    install(tmp_path, action, monkeypatch)
-    assert export_fmu("Aero.Systems.OneDof", tmp_path / "x.fmu", compiler="omc").is_file()
-
-
-def test_the_c_compilers_line_comes_first():
-    log = "Error building simulator. Build log: make ...\nx_06inz.c:12:5: error: unknown type name 'foo'\nmake: Error 1"
-    assert "unknown type name 'foo'" in first_error(log)
-
-
-def test_an_error_of_omc_is_one_line(tmp_path, monkeypatch):
-    install(tmp_path, 'echo "[x.mo:1:1-2:2] Error: Class Foo not found."', monkeypatch)
-    with pytest.raises(InputError, match=facts("Aero.Systems.OneDof", "omc", "Class Foo not found.")):
-        export_fmu("Aero.Systems.OneDof", tmp_path / "x.fmu", compiler="omc")
-
-
-def test_first_error_of_a_long_log():
-    log = 'true\n""\nWarning: a\n[/tmp/a/B.mo:3:1] Error: Variable q not found in scope B."\nError: more'
-    assert first_error(log) == "Variable q not found in scope B."
-    assert "FMU" in first_error("nothing")
+@pytest.mark.parametrize(
+    ("log", "first"),
+    [
+        ('true\n""\nWarning: a\n[/tmp/a/B.mo:3:1] Error: Variable q not found in scope B."\nError: more',
+         "Variable q not found in scope B."),
+        ("Error building simulator. Build log: make ...\nx_06inz.c:12:5: error: unknown type name 'foo'\nmake: Error 1",
+         "unknown type name 'foo'"),
+        ("nothing", "FMU"),
+    ],
+)  # fmt: skip
+def test_first_error_of_a_log(log, first):
+    assert first in first_error(log)

@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import math
 
-import fmpy
 import numpy as np
 import pytest
 from test_closed_forms import simulated
 
 from aero_bayes.errors import InputError
-from aero_bayes.modelica.compilers import export_fmu
 from aero_bayes.modelica.expression import Builder, evaluate_nodes
 from aero_bayes.modelica.scope import Scope, possible_values
 from aero_bayes.modelica.syntax import Assign, Call, Expression, IfStatement, Name, Number, Statement, WhileStatement
@@ -19,12 +17,10 @@ from aero_bayes.simulation.interface import Experiment, Outcome, Problem, Solver
 from aero_bayes.simulation.model import Model
 
 
-def test_initial_equations_without_a_solution_are_an_error(tmp_path):
+def test_initial_equations_without_a_solution_are_an_error(exported):
     text = "model None_\n  Real x;\ninitial equation\n  x ^ 2 = -1;\nequation\n  der(x) = -x;\nend None_;\n"
-    (tmp_path / "None_.mo").write_text(text, encoding="utf-8")
-    fmu = export_fmu("None_", tmp_path / "n.fmu", sources=[tmp_path / "None_.mo"], compiler="embedded")
     with pytest.raises(Exception, match="fmi2ExitInitializationMode"):
-        fmpy.simulate_fmu(str(fmu), stop_time=1.0)
+        simulated(exported(text), "CoSimulation", 1.0, [])
 
 
 def test_locked_parts_that_contradict_each_other_have_no_solution(exported):
@@ -79,7 +75,7 @@ def test_choices_are_every_value_that_branches_leave():
     assert possible_values(b, b.const(math.pi)) == frozenset((math.pi,))
 
 
-def test_a_root_that_ends_has_no_slope(tmp_path):
+def test_a_root_that_ends_has_no_slope(exported):
     """A tank that runs empty: beyond that its balance has a Jacobian of zero, not of infinity times nothing."""
     text = """model Tank
   Real h(start = 0.1, fixed = true);
@@ -88,10 +84,10 @@ equation
   der(h) = -sqrt(max(h, 0)) - 0.01;
 end Tank;
 """
-    (tmp_path / "Tank.mo").write_text(text, encoding="utf-8")
-    model = Model.load(export_fmu("Tank", tmp_path / "tank.fmu", sources=[tmp_path / "Tank.mo"], compiler="embedded"))
     time = np.linspace(0.0, 5.0, 51)
-    problem = Problem(model, (Experiment(time, ("y",)),), ((),), settings=SolverSettings(1e-3, 1e-3))
+    problem = Problem(
+        Model.load(exported(text)), (Experiment(time, ("y",)),), ((),), settings=SolverSettings(1e-3, 1e-3)
+    )
     with open_simulator(problem, workers=0) as simulator:
         found = simulator.simulate(np.empty((1, 0)))
     assert found.outcomes[0, 0] == Outcome.OK
