@@ -15,12 +15,9 @@ import pytest
 from export_driver import Driven, driven
 from fmpy.validation import validate_fmu
 from hand_written_aero import NOMINAL, SCALES, TWO_DOF_NOMINAL, TWO_DOF_SCALES, motor, one_dof
-from scipy.integrate import solve_ivp
 
 from aero_bayes.modelica.compilers import export_fmu
-from aero_bayes.simulation.interface import Experiment, InputSignal, Problem, SolverSettings
 from aero_bayes.simulation.model import Model
-from aero_bayes.simulation.native_simulator import NativeSimulator
 
 Built = Callable[[str], Path]
 SYSTEMS = ("OneDof", "HalfQuad", "OneDofLinear", "HalfQuadLinear", "TransferFunction", "TwoDof")
@@ -90,19 +87,6 @@ def test_free_in_pitch_and_yaw_it_follows_from_its_kinetic_energy(aero_fmu):
             np.testing.assert_allclose(np.array(balance).ravel(), 0.0, atol=1e-12)
 
 
-@pytest.mark.parametrize(
-    ("voltage", "state", "sign"), [("V_m", "theta", 1), ("V_m", "psi", -1), ("V_t", "psi", 1), ("V_t", "theta", 1)]
-)
-def test_each_motor_turns_the_body_the_way_that_is_documented(aero_fmu, voltage, state, sign):
-    with driven(aero_fmu("TwoDof")) as fmu:
-        fmu.begin()
-        fmu.set_all({voltage: 24.0})
-        x = np.zeros(len(fmu.states))
-        for _ in range(20000):
-            x = x + 1e-5 * fmu.rhs(x)
-        assert sign * x[fmu.states.index(state)] > 0.0
-
-
 def test_transfer_function_is_the_linear_oscillator(aero_fmu):
     with driven(aero_fmu("TransferFunction")) as fmu:
         fmu.begin()
@@ -151,51 +135,6 @@ def test_directional_derivatives_equal_differences(aero_fmu, name):
             np.testing.assert_allclose(found, expected, rtol=1e-6, atol=1e-7 * np.abs(expected).max())
         assert fmu.slope(["theta"], "theta") == [1.0]
         assert fmu.slope(["theta"], "K_sp") == [0.0]
-
-
-def test_directional_derivative_is_linear_in_the_seed(aero_fmu):
-    with driven(aero_fmu("OneDof")) as fmu:
-        fmu.begin()
-        fmu.move(X)
-        known, seeds = ["V_m", "R_a", "theta"], [0.3, -2.0, 0.7]
-        together = fmu.fmu.getDirectionalDerivative(
-            [fmu.references[n] for n in fmu.rates], [fmu.references[n] for n in known], seeds
-        )
-        apart = sum(s * fmu.slope(fmu.rates, n) for s, n in zip(seeds, known, strict=True))
-        np.testing.assert_allclose(together, apart, rtol=1e-14)
-
-
-@pytest.fixture(scope="module")
-def step_by_hand() -> tuple[np.ndarray, np.ndarray]:
-    """24 V for 4 s, then 0 V for 4 s: the grid, and i_m, omega_m, theta on it by the hand-written equations."""
-    found, x = [np.zeros((1, 3))], np.zeros(6)
-    for v in (24.0, 0.0):
-
-        def rates(t: float, x: np.ndarray, v: float = v) -> list[float]:
-            by_name = one_dof(dict(zip(SCALES, x, strict=True)), v, NOMINAL)
-            return [by_name[s] for s in SCALES]
-
-        run = solve_ivp(rates, (0, 4), x, method="Radau", t_eval=np.linspace(0, 4, 81), rtol=1e-10, atol=1e-12)
-        x = run.y[:, -1]
-        found.append(run.y[:3, 1:].T)
-    return np.round(np.arange(0, 8.0001, 0.05), 10), np.concatenate(found)
-
-
-@pytest.mark.parametrize("kind", ["ModelExchange", "CoSimulation"])
-def test_trajectories_agree_with_the_hand_written_ode(aero_fmu, step_by_hand, kind):
-    grid, expected = step_by_hand
-    signal = np.array([(0, 24.0), (4, 24.0), (4, 0.0), (8, 0.0)], dtype=[("time", "f8"), ("V_m", "f8")])
-    result = fmpy.simulate_fmu(
-        str(aero_fmu("OneDof")), fmi_type=kind, input=signal, stop_time=8.0, output_interval=0.05,
-        relative_tolerance=1e-9, output=["i_m", "omega_m", "theta"],
-    )  # fmt: skip
-    time, first = np.unique(np.round(result["time"], 9), return_index=True)
-    keep = np.isin(time, grid) & (time != 4.0)
-    assert keep.sum() == len(grid) - 1
-    wanted = np.isin(grid, time[keep])
-    for column, output in enumerate(("i_m", "omega_m", "theta")):
-        scale = np.abs(expected[:, column]).max()
-        np.testing.assert_allclose(result[output][first][keep], expected[wanted, column], atol=1e-6 * scale, rtol=1e-6)
 
 
 def test_outputs_share_the_references_of_the_states(aero_fmu):
@@ -295,30 +234,6 @@ def test_listed_dependencies_are_those_of_the_derivatives(aero_fmu, name):
         fmu.move(np.random.default_rng(3).uniform(0.2, 1.0, len(fmu.states)))
         for state, rows in zip(fmu.states, model.jacobian_pattern, strict=True):
             assert {i for i, slope in enumerate(fmu.slope(fmu.rates, state)) if slope} == set(rows)
-
-
-@pytest.mark.parametrize("given", ["line", "held"])
-def test_another_master_follows_a_voltage_that_moves(given, tmp_path, rng):
-    """FMPy sets a continuous input between two steps of CVode: it jumps there, and CVode has to begin anew."""
-    path = export_fmu("Aero.Systems.OneDof", tmp_path / "one.fmu", compiler="embedded")
-    time = np.arange(101) * 0.02
-    volts = np.round(8.0 + 6.0 * np.sin(3.0 * time) + rng.normal(0.0, 1.0, time.size), 3)
-    rows = (np.repeat(time, 2)[1:], np.repeat(volts, 2)[:-1]) if given == "held" else (time, volts)
-    signal = np.array(list(zip(*rows, strict=True)), dtype=[("time", float), ("V_m", float)])
-    model = Model.load(path)
-    experiment = Experiment(time, ("i_m", "omega_m", "theta"), (InputSignal("V_m", time, volts, "hold"),))
-    problem = Problem(model, (experiment,), ((),), settings=SolverSettings(1e-9, 1e-9))
-    with NativeSimulator(problem) as simulator:
-        exact = simulator.simulate(np.zeros((1, 0))).outputs[0][0]
-    for tolerance in (1e-4, 1e-5, 1e-6):
-        found = fmpy.simulate_fmu(
-            str(path), fmi_type="ModelExchange", input=signal, stop_time=2.0, output_interval=0.02,
-            relative_tolerance=tolerance, record_events=False, output=["i_m", "omega_m", "theta"],
-        )  # fmt: skip
-        for k, name in enumerate(("i_m", "omega_m", "theta")):
-            at = np.interp(time[1:-1], found["time"], found[name])
-            error = np.max(np.abs(at - exact[1:-1, k])) / np.ptp(exact[:, k])
-            assert error < 30.0 * tolerance
 
 
 def test_an_event_is_asked_for_only_where_an_input_jumps(aero_fmu):
