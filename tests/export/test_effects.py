@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from math import cos, exp, sqrt, tanh
+from math import cos, sqrt, tanh
 
 import numpy as np
 import pytest
@@ -28,15 +28,6 @@ ON = {
     "speed_lag": 0.04, "pitch_delay": 0.03, "pitch_offset": -0.015, "pivot_presliding_friction": 9e-4,
 }  # fmt: skip
 OF = {p.id: p for p in placed_effects("Aero.Systems.OneDof", EFFECTS)}
-#: Heights of each learned curve, by the size of the first.
-CURVES = {
-    id_: [size * h for h in (0.3, -0.7, 1.0, 0.2, -0.5, 0.9, 0.1, 0.6, -0.4)[: len(OF[id_].law.parameters)]]
-    for id_, size in (
-        ("electrical_curve@electrical", 1.0), ("rotor_curve@rotor", 1e-3), ("thrust_curve@thrust", 0.02),
-        ("body_angle_curve@body", 1e-3), ("body_rate_curve@body", 1e-3),
-    )
-}  # fmt: skip
-Effects = Mapping[str, float | list[float]]
 PATHS = {"i_m": "thruster_1.motor.inductor.i", "omega_m": "thruster_1.motor.rotor.w", "theta": "body.theta"}
 
 
@@ -65,15 +56,9 @@ def time_in_use(given: float, least: float) -> float:
     return (given**4 + least**4) ** 0.25 if given > 0.0 else 1e6
 
 
-def with_effects(x: dict[str, float], v: float, on: Effects) -> tuple[dict[str, float], dict[str, float]]:
+def with_effects(x: dict[str, float], v: float, on: Mapping[str, float]) -> tuple[dict[str, float], dict[str, float]]:
     """Rates and outputs of OneDof with the effects of ``on``, by hand and in the smooth forms that are documented."""
     e = dict.fromkeys(ON, 0.0) | on
-
-    def curve(id_: str, over: float) -> float:
-        """Gaussian bumps at equal distances from -1 to 1, as wide as these, over a largest value of one."""
-        heights = on.get(id_, [0.0, 0.0])
-        step = 2.0 / (len(heights) - 1)
-        return sum(h * exp(-0.5 * ((over + 1.0) / step - k) ** 2) for k, h in enumerate(heights))
 
     p = NOMINAL
     rate, theta = x["body.omega"], state_of(x, "body.theta")
@@ -88,14 +73,12 @@ def with_effects(x: dict[str, float], v: float, on: Effects) -> tuple[dict[str, 
         s, knee = e["amplifier_saturation"], 1e-3
         u *= 2 * sqrt(1 + knee**2) / (sqrt((1 + s * u) ** 2 + knee**2) + sqrt((1 - s * u) ** 2 + knee**2))
         u -= e["supply_resistance"] * i + e["brush_drop"] * tanh(i / 2e-5) + e["winding_heating"] * heat * i
-        u -= curve("electrical_curve@electrical", i)
         rates[own("winding_heating", "s", k)] = (i * i - heat) / 10.0
         rates[f"thruster_{k}.motor.inductor.i"] = (u - p["R_a"] * i - p["c_m"] * w) / p["L_a"]
         brake = p["k_d"] * w * abs(w) + e["rotor_coulomb_friction"] * tanh(w / 2e-5) + e["rotor_viscous_friction"] * w
-        brake += curve("rotor_curve@rotor", w)
         rates[f"thruster_{k}.motor.rotor.w"] = (p["c_m"] * i - brake) / (p["J_r"] + p["J_s"])
         f = side * p["k_t"] * w * abs(w)
-        f += curve("thrust_curve@thrust", f) - e["thrust_inflow_loss"] * abs(w) * p["D_t"] * rate
+        f -= e["thrust_inflow_loss"] * abs(w) * p["D_t"] * rate
         t = time_in_use(e["thrust_lag"], 1e-3)
         rates[own("thrust_lag", "z", k)] = (f - late) / t
         f -= e["thrust_lag"] / t * (f - late)
@@ -106,7 +89,6 @@ def with_effects(x: dict[str, float], v: float, on: Effects) -> tuple[dict[str, 
     torque -= e["pivot_presliding_friction"] * bend
     rates[own("pivot_presliding_friction", "z")] = (rate - sqrt(rate**2 + 5e-5**2) * bend) / 6e-4
     torque -= e["body_quadratic_drag"] * rate * abs(rate) + e["cubic_stiffness"] * theta**3
-    torque -= curve("body_angle_curve@body", theta) + curve("body_rate_curve@body", rate)
     rates["body.theta"] = rate
     rates["body.omega"] = (torque - p["D_p"] * rate - p["K_sp"] * theta) / p["J_p"]
     t, q = time_in_use(e["speed_lag"], 1e-3), x[own("speed_lag", "q")]
@@ -128,7 +110,6 @@ def test_each_effect_is_a_law_of_the_library_or_one_of_three_of_its_own():
     own_laws = {c.law.model for c in OF.values() if c.law.model.startswith("Aero.")}
     assert own_laws == {"Aero.Effects.ThrustAsymmetry", "Aero.Effects.ThrustInflowLoss", "Aero.Effects.GravityOffset"}
     assert set(ON) == {id_ for id_, p in OF.items() if not p.law.curve_input}
-    assert set(CURVES) == {id_ for id_, p in OF.items() if p.law.curve_input}
     assert {c.id for c in LawPlaces("Aero.Systems.HalfQuad").candidates} == set(OF)
 
 
@@ -139,20 +120,16 @@ def test_the_screening_model_is_a_valid_fmu(screening_fmu):
 
 
 @pytest.mark.parametrize(
-    "on", [{}, *({n: v} for n, v in {**ON, **CURVES}.items()), ON], ids=lambda on: "all" if on is ON else "_".join(on)
+    "on", [{}, *({n: v} for n, v in ON.items()), ON], ids=lambda on: "all" if on is ON else "_".join(on)
 )
 def test_an_effect_follows_its_formula(screening_fmu, on):
     rng = np.random.default_rng(4)
     with driven(screening_fmu) as fmu:
         fmu.begin()
-        for id_, value in on.items():
-            names = [OF[id_].names[q.name] for q in OF[id_].law.parameters]
-            fmu.set_all(dict(zip(names, value if isinstance(value, list) else [value], strict=False)))
+        fmu.set_all({OF[id_].names[OF[id_].law.parameters[0].name]: value for id_, value in on.items()})
         changed = not on
         for _ in range(8):
             x = draw(rng, fmu.states)
-            if "rotor_curve@rotor" in on:
-                x |= {s: value / 300.0 for s, value in x.items() if s.endswith((".rotor.w", "omega_m"))}
             v = float(rng.uniform(-24, 24))
             fmu.set(V_m=v)
             expected, outputs = with_effects(x, v, on)
