@@ -1,24 +1,6 @@
 within ;
 package MslModels "Small models on components of the Modelica Standard Library"
 
-  model Blocks1 "first order behind a gain"
-    Modelica.Blocks.Sources.Sine source(amplitude = 2, f = 0.5);
-    Modelica.Blocks.Math.Gain gain(k = 3);
-    Modelica.Blocks.Continuous.FirstOrder first(T = 0.4, initType = Modelica.Blocks.Types.Init.InitialState, y_start = 0.2);
-    output Real y = first.y;
-  equation
-    connect(source.y, gain.u);
-    connect(gain.y, first.u);
-  end Blocks1;
-  model Blocks2 "step, second order, integrator"
-    Modelica.Blocks.Sources.Step step(height = 1, startTime = 0.25);
-    Modelica.Blocks.Continuous.SecondOrder second(w = 6, D = 0.3);
-    Modelica.Blocks.Continuous.Integrator integrator;
-    output Real y = second.y, z = integrator.y;
-  equation
-    connect(step.y, second.u);
-    connect(second.y, integrator.u);
-  end Blocks2;
   model Blocks3 "PID with feedback"
     Modelica.Blocks.Sources.Ramp ramp(duration = 0.5, height = 2);
     Modelica.Blocks.Math.Feedback feedback;
@@ -31,17 +13,6 @@ package MslModels "Small models on components of the Modelica Standard Library"
     connect(feedback.y, pid.u);
     connect(pid.y, plant.u);
   end Blocks3;
-  model Blocks4 "limiter and dead zone"
-    Modelica.Blocks.Sources.Sine source(amplitude = 2, f = 1);
-    Modelica.Blocks.Nonlinear.Limiter limiter(uMax = 1.2);
-    Modelica.Blocks.Nonlinear.DeadZone dead(uMax = 0.5);
-    Modelica.Blocks.Continuous.FirstOrder first(T = 0.1);
-    output Real y = first.y;
-  equation
-    connect(source.y, limiter.u);
-    connect(limiter.y, dead.u);
-    connect(dead.y, first.u);
-  end Blocks4;
   model Blocks5 "transfer function and state space"
     Modelica.Blocks.Sources.Trapezoid source(period = 1, amplitude = 2, rising = 0.1, width = 0.3, falling = 0.1);
     Modelica.Blocks.Continuous.TransferFunction tf(b = {1, 2}, a = {0.1, 0.5, 1});
@@ -75,20 +46,6 @@ package MslModels "Small models on components of the Modelica Standard Library"
     connect(table.y[1], first.u);
   end Blocks7;
 
-  model Analog1 "RLC"
-    Modelica.Electrical.Analog.Sources.StepVoltage source(V = 5, startTime = 0.1);
-    Modelica.Electrical.Analog.Basic.Resistor r(R = 10);
-    Modelica.Electrical.Analog.Basic.Inductor l(L = 0.5);
-    Modelica.Electrical.Analog.Basic.Capacitor c(C = 1e-3, v(start = 0, fixed = true));
-    Modelica.Electrical.Analog.Basic.Ground ground;
-    output Real y = c.v, z = l.i;
-  equation
-    connect(source.p, r.p);
-    connect(r.n, l.p);
-    connect(l.n, c.p);
-    connect(c.n, ground.p);
-    connect(source.n, ground.p);
-  end Analog1;
   model Analog2 "DC motor"
     Modelica.Electrical.Analog.Sources.ConstantVoltage source(V = 12);
     Modelica.Electrical.Analog.Basic.Resistor r(R = 1);
@@ -157,35 +114,7 @@ package MslModels "Small models on components of the Modelica Standard Library"
     connect(load.n, ground.p);
     connect(source.n, ground.p);
   end Analog5;
-  model Analog6 "transformer"
-    Modelica.Electrical.Analog.Sources.SineVoltage source(V = 5, f = 2);
-    Modelica.Electrical.Analog.Basic.Resistor r1(R = 1), r2(R = 4);
-    Modelica.Electrical.Analog.Basic.Transformer transformer(L1 = 0.1, L2 = 0.2, M = 0.05);
-    Modelica.Electrical.Analog.Basic.Ground ground1, ground2;
-    output Real y = r2.v;
-  equation
-    connect(source.p, r1.p);
-    connect(r1.n, transformer.p1);
-    connect(transformer.n1, ground1.p);
-    connect(source.n, ground1.p);
-    connect(transformer.p2, r2.p);
-    connect(transformer.n2, ground2.p);
-    connect(r2.n, ground2.p);
-  end Analog6;
 
-  model Rotational1 "two inertias, spring and damper"
-    Modelica.Mechanics.Rotational.Sources.Torque torque;
-    Modelica.Blocks.Sources.Sine source(amplitude = 3, f = 0.7);
-    Modelica.Mechanics.Rotational.Components.Inertia j1(J = 0.2, phi(start = 0, fixed = true), w(start = 0, fixed = true));
-    Modelica.Mechanics.Rotational.Components.SpringDamper spring(c = 20, d = 0.3);
-    Modelica.Mechanics.Rotational.Components.Inertia j2(J = 0.5, phi(start = 0, fixed = true), w(start = 0, fixed = true));
-    output Real y = j2.w, z = j1.phi;
-  equation
-    connect(source.y, torque.tau);
-    connect(torque.flange, j1.flange_a);
-    connect(j1.flange_b, spring.flange_a);
-    connect(spring.flange_b, j2.flange_a);
-  end Rotational1;
   model Rotational2 "ideal gear"
     Modelica.Mechanics.Rotational.Sources.ConstantTorque torque(tau_constant = 2);
     Modelica.Mechanics.Rotational.Components.Inertia j1(J = 0.1, phi(start = 0, fixed = true), w(start = 1, fixed = true));
@@ -225,30 +154,7 @@ package MslModels "Small models on components of the Modelica Standard Library"
     connect(torque.flange, j.flange_a);
     connect(j.flange_b, friction.flange_a);
   end Rotational4;
-  model Rotational5 "rigid shafts"
-    Modelica.Mechanics.Rotational.Sources.QuadraticSpeedDependentTorque load(tau_nominal = -2, w_nominal = 10);
-    Modelica.Mechanics.Rotational.Sources.ConstantTorque torque(tau_constant = 3);
-    Modelica.Mechanics.Rotational.Components.Inertia j1(J = 0.3, w(start = 0, fixed = true), phi(start = 0, fixed = true)), j2(J = 0.4);
-    output Real y = j2.w, z = j1.flange_b.tau;
-  equation
-    connect(torque.flange, j1.flange_a);
-    connect(j1.flange_b, j2.flange_a);
-    connect(j2.flange_b, load.flange);
-  end Rotational5;
 
-  model Translational1 "mass, spring and damper"
-    Modelica.Mechanics.Translational.Sources.Force force;
-    Modelica.Blocks.Sources.Step source(height = 5, startTime = 0.2);
-    Modelica.Mechanics.Translational.Components.Mass mass(m = 2, s(start = 0, fixed = true), v(start = 0, fixed = true));
-    Modelica.Mechanics.Translational.Components.SpringDamper spring(c = 50, d = 2);
-    Modelica.Mechanics.Translational.Components.Fixed fixed;
-    output Real y = mass.s;
-  equation
-    connect(source.y, force.f);
-    connect(force.flange, mass.flange_a);
-    connect(mass.flange_b, spring.flange_a);
-    connect(spring.flange_b, fixed.flange);
-  end Translational1;
   model Translational2 "rack and pinion"
     Modelica.Mechanics.Rotational.Sources.ConstantTorque torque(tau_constant = 1);
     Modelica.Mechanics.Rotational.Components.Inertia j(J = 0.1, phi(start = 0, fixed = true), w(start = 0, fixed = true));
@@ -273,18 +179,6 @@ package MslModels "Small models on components of the Modelica Standard Library"
     connect(fixed.flange, gap.flange_a);
     connect(gap.flange_b, mass.flange_a);
   end Translational3;
-  model Translational4 "two masses behind a rod"
-    Modelica.Mechanics.Translational.Components.Mass m1(m = 1, s(start = 0, fixed = true), v(start = 2, fixed = true)), m2(m = 3);
-    Modelica.Mechanics.Translational.Components.Rod rod(L = 0.7);
-    Modelica.Mechanics.Translational.Components.Spring spring(c = 40, s_rel0 = 0.3);
-    Modelica.Mechanics.Translational.Components.Fixed fixed(s0 = 2);
-    output Real y = m2.s, z = m1.v;
-  equation
-    connect(m1.flange_b, rod.flange_a);
-    connect(rod.flange_b, m2.flange_a);
-    connect(m2.flange_b, spring.flange_a);
-    connect(spring.flange_b, fixed.flange);
-  end Translational4;
 
   model Heat1 "two bodies"
     Modelica.Thermal.HeatTransfer.Components.HeatCapacitor c1(C = 10, T(start = 350, fixed = true)), c2(C = 20, T(start = 300, fixed = true));
@@ -294,20 +188,6 @@ package MslModels "Small models on components of the Modelica Standard Library"
     connect(c1.port, g.port_a);
     connect(g.port_b, c2.port);
   end Heat1;
-  model Heat2 "convection and radiation"
-    Modelica.Thermal.HeatTransfer.Components.HeatCapacitor c(C = 50, T(start = 600, fixed = true));
-    Modelica.Thermal.HeatTransfer.Components.BodyRadiation radiation(Gr = 0.1);
-    Modelica.Thermal.HeatTransfer.Components.Convection convection;
-    Modelica.Blocks.Sources.Constant g(k = 3);
-    Modelica.Thermal.HeatTransfer.Sources.FixedTemperature ambient(T = 293.15);
-    output Real y = c.T;
-  equation
-    connect(c.port, radiation.port_a);
-    connect(radiation.port_b, ambient.port);
-    connect(c.port, convection.solid);
-    connect(convection.fluid, ambient.port);
-    connect(g.y, convection.Gc);
-  end Heat2;
   model Heat3 "controlled heater"
     Modelica.Thermal.HeatTransfer.Components.HeatCapacitor c(C = 20, T(start = 290, fixed = true));
     Modelica.Thermal.HeatTransfer.Components.ThermalResistor resistor(R = 0.5);
@@ -350,42 +230,6 @@ package MslModels "Small models on components of the Modelica Standard Library"
     connect(g.port_b, ambient.port);
   end Heat4;
 
-  model Magnetic1 "coil with a core"
-    Modelica.Electrical.Analog.Sources.SineVoltage source(V = 5, f = 1);
-    Modelica.Electrical.Analog.Basic.Resistor r(R = 2);
-    Modelica.Electrical.Analog.Basic.Ground ground;
-    Modelica.Magnetic.FluxTubes.Basic.ElectroMagneticConverter coil(N = 100, i(start = 0, fixed = true));
-    Modelica.Magnetic.FluxTubes.Basic.ConstantReluctance reluctance(R_m = 2e5);
-    Modelica.Magnetic.FluxTubes.Basic.Ground magnetic;
-    output Real y = coil.i, z = reluctance.Phi;
-  equation
-    connect(source.p, r.p);
-    connect(r.n, coil.p);
-    connect(coil.n, ground.p);
-    connect(source.n, ground.p);
-    connect(coil.port_p, reluctance.port_p);
-    connect(reluctance.port_n, coil.port_n);
-    connect(coil.port_n, magnetic.port);
-  end Magnetic1;
-  model Magnetic2 "leakage in parallel"
-    Modelica.Electrical.Analog.Sources.StepVoltage source(V = 3, startTime = 0.1);
-    Modelica.Electrical.Analog.Basic.Resistor r(R = 1);
-    Modelica.Electrical.Analog.Basic.Ground ground;
-    Modelica.Magnetic.FluxTubes.Basic.ElectroMagneticConverter coil(N = 50);
-    Modelica.Magnetic.FluxTubes.Basic.ConstantPermeance core(G_m = 1e-5), leak(G_m = 1e-6);
-    Modelica.Magnetic.FluxTubes.Basic.Ground magnetic;
-    output Real y = coil.i, z = leak.Phi;
-  equation
-    connect(source.p, r.p);
-    connect(r.n, coil.p);
-    connect(coil.n, ground.p);
-    connect(source.n, ground.p);
-    connect(coil.port_p, core.port_p);
-    connect(coil.port_p, leak.port_p);
-    connect(core.port_n, coil.port_n);
-    connect(leak.port_n, coil.port_n);
-    connect(coil.port_n, magnetic.port);
-  end Magnetic2;
   model Magnetic3 "air gap of a given shape"
     Modelica.Electrical.Analog.Sources.SineVoltage source(V = 4, f = 2);
     Modelica.Electrical.Analog.Basic.Resistor r(R = 2);

@@ -46,13 +46,6 @@ def outputs_of(model: str) -> list[str]:
     return re.findall(r"(\w+) = ", re.findall(r"output Real (.*);", text)[0])
 
 
-def test_there_are_thirty_models_of_six_domains():
-    assert len(MODELS) == 30
-    assert {re.sub(r"\d+", "", m) for m in MODELS} == {
-        "Blocks", "Analog", "Rotational", "Translational", "Heat", "Magnetic",
-    }  # fmt: skip
-
-
 @pytest.mark.parametrize("model", MODELS)
 def test_agrees_with_the_front_ends_simulator(model, tmp_path):
     root = libraries()
