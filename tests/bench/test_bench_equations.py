@@ -12,7 +12,7 @@ from scipy.integrate import solve_ivp
 from simulated_rigs.aero import HALF_QUAD, Truth, even_times, pivot_friction
 from simulated_rigs.designs import Levels
 from simulated_rigs.kinds import AERO
-from simulated_rigs.truth import LawPlace, LawTruth, assembled, simulate_rig
+from simulated_rigs.truth import LawPlace, LawTruth, assembled
 
 pytestmark = pytest.mark.long
 
@@ -87,26 +87,6 @@ def test_delays_shift_what_they_delay() -> None:
     slow, _ = Truth(input_delay=0.03).run(TIME, VOLTS)
     assert (np.abs(slow[3:] - base[:-3]).max(axis=0) < 1e-7 * np.ptp(base, axis=0)).all()
     assert (slow[:3] == 0.0).all()
-
-
-@pytest.mark.parametrize(("p", "motors"), [(P, 2), (HALF_QUAD, 1)])
-def test_steady_state(p: Mapping[str, float], motors: int) -> None:
-    time = even_times(60.0, 20.0)
-    i, w, theta = Truth(parameters=p).run(time, np.full(time.size, 15.0))[0][-1]
-    # R i + c w = V with c i = k_d w^2 is a quadratic in w.
-    a, b = p["R_a"] * p["k_d"] / p["c_m"], p["c_m"]
-    assert w == pytest.approx((-b + np.sqrt(b * b + 4.0 * a * 15.0)) / (2.0 * a), rel=1e-9)
-    assert i == pytest.approx(p["k_d"] * w * w / p["c_m"], rel=1e-8)
-    assert theta == pytest.approx(motors * p["D_t"] * p["k_t"] * w * w / p["K_sp"], rel=1e-3)
-
-
-def test_error_falls_with_the_tolerance() -> None:
-    states, found = reference(two_motors(P, 2), VOLTS), []
-    for relative in (1e-5, 1e-7, 1e-9):
-        outputs, _ = simulate_rig(AERO, P, [], TIME, VOLTS[:, None], REST, relative)
-        found.append(np.abs(outputs[:, 2] - states[:, 4]).max())
-    assert found[2] < found[1] < found[0]
-    assert found[2] < 1e-7 * np.ptp(states[:, 4])
 
 
 def test_a_force_is_held_from_sample_to_sample() -> None:
