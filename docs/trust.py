@@ -32,11 +32,12 @@ ROWS = {
         Row("local search, both starts", "NIST StRD, 11 digits", "known_answers/nist_strd", "nist", "digits"),
         Row("engine, parameters moving", "closed forms", "simulation/engine_closed_forms", "closed-form"),
         Row("engine, inputs moving at each sample", "SciPy at 1e-10", "simulation/moving_inputs", "scipy"),
+        Row("engine, events", "closed forms", "simulation/engine_events", "events"),
         Row("engine, events and loops", "CVode through FMPy", "simulation/engine_agrees", "cvode"),
         Row("laws of the library", "closed forms by hand", "laws/laws"),
         Row("laws attached to a model, over time", "the same laws, written", "laws/attach", "attached"),
         Row("every law at every port, attached", "the same laws, written", "laws/attached_is_written"),
-        Row("FMUs that do as other tools' do", "FMPy, SciPy, closed forms", "simulation/other_tools"),
+        Row("FMUs that do as other tools' do", "SciPy, closed forms", "simulation/other_tools"),
         Row("FMUs from the standard library", "closed forms and recorded runs", "export/standard_library"),
     ),
     "Uncertainty": (

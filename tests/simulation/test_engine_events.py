@@ -9,9 +9,7 @@ import pytest
 from runs import ran
 from scipy.integrate import quad
 
-from aero_bayes.modelica.compilers import export_fmu
 from aero_bayes.simulation.interface import Experiment, Outcome, ParameterTarget, Problem, SolverSettings, StartTarget
-from aero_bayes.simulation.model import Model
 from aero_bayes.simulation.native_simulator import NativeSimulator
 
 pytestmark = pytest.mark.fast
@@ -29,7 +27,7 @@ def bounce(time: np.ndarray, height: float, e: float, g: float = 9.81) -> np.nda
     return out
 
 
-def test_bouncing_ball(test_fmu, here):
+def test_bouncing_ball(test_fmu, here, trust):
     time = np.linspace(0.0, 3.0, 301)
     problem = Problem(
         test_fmu("BouncingBall"), (Experiment(time, ("h", "v")),), ((StartTarget("h"), ParameterTarget("e")),)
@@ -39,6 +37,7 @@ def test_bouncing_ball(test_fmu, here):
     assert np.all(found.outcomes == Outcome.OK)
     for row, (height, e) in enumerate(values):
         np.testing.assert_allclose(found.outputs[0][row, :, 0], bounce(time, height, e), atol=1e-7)
+        trust("events", np.max(np.abs(found.outputs[0][row, :, 0] - bounce(time, height, e))) / height)
     smooth = slice(0, 150)  # away from the bounces' pile-up, and off the bounces themselves
     exact = np.stack(
         [
@@ -107,14 +106,11 @@ end Stop;
 
 
 @pytest.mark.parametrize(("d", "near"), [(0.0, 1e-7), (0.25, 1e-4)])
-def test_sensitivities_beyond_a_switch(tmp_path, here, d, near):
+def test_sensitivities_beyond_a_switch(exported, here, d, near):
     """Where the slope is the same on both sides, and where it is not."""
-    source = tmp_path / "Stop.mo"
-    source.write_text(STOP, encoding="utf-8")
-    fmu = Model.load(export_fmu("Stop", tmp_path / "Stop.fmu", compiler="embedded", sources=[source]))
     time, c, k = np.linspace(0.0, 2.0, 41), 0.71, 3.0
     problem = Problem(
-        fmu, (Experiment(time, ("x",)),), ((ParameterTarget("c"), ParameterTarget("k")),), {"d": d},
+        exported(STOP), (Experiment(time, ("x",)),), ((ParameterTarget("c"), ParameterTarget("k")),), {"d": d},
         settings=SolverSettings(1e-9, 1e-9),
     )  # fmt: skip
     found = ran(problem, here, [c, k], active=[0, 1])
@@ -157,14 +153,12 @@ end Thermostat;
 """
 
 
-def test_sensitivities_of_a_thermostat_show_ratios_only(tmp_path, here):
+def test_sensitivities_of_a_thermostat_show_ratios_only(exported, here):
     """A common change of all three moves nothing; no difference is taken over a switching, so that ``on`` has none."""
-    source = tmp_path / "Thermostat.mo"
-    source.write_text(THERMOSTAT, encoding="utf-8")
-    fmu = Model.load(export_fmu("Thermostat", tmp_path / "Thermostat.fmu", compiler="embedded", sources=[source]))
     values = np.array([3e4, 2.2, 130.0])
     targets = (ParameterTarget("C"), ParameterTarget("G"), ParameterTarget("P"))
-    problem = Problem(fmu, (Experiment(np.arange(0.0, 20000.0, 20.0), ("T", "on")),), (targets,))
+    experiment = Experiment(np.arange(0.0, 20000.0, 20.0), ("T", "on"))
+    problem = Problem(exported(THERMOSTAT), (experiment,), (targets,))
     found = ran(problem, here, values, active=[0, 1, 2])
     assert found.sensitivities is not None
     slopes = found.sensitivities[0][0] * values

@@ -9,11 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 from facts import facts
-from fmpy import read_model_description
+from runs import ran
 
 from aero_bayes.errors import InputError
 from aero_bayes.simulation import archive as archive_module
-from aero_bayes.simulation.engines import open_simulator
 from aero_bayes.simulation.interface import Experiment, InputSignal, Problem
 from aero_bayes.simulation.model import Model
 from aero_bayes.simulation.native_simulator import NativeSimulator
@@ -117,6 +116,25 @@ def test_what_cannot_be_true_is_named(test_fmu, tmp_path, edit, message, version
     assert "\n" not in str(caught.value)
 
 
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        (b"<ModelVariables>", b'<ModelVariables><Clock name="tick" valueReference="90" causality="input"/>', "clock"),
+        (
+            b'variability="continuous" initial="exact" start="1.0"/>',
+            b'start="1 1"><Dimension start="2"/></Float64>',
+            "array",
+        ),
+        (b'<ContinuousStateDerivative valueReference="1"', b'<ContinuousStateDerivative valueReference="77"', "contra"),
+        (b"ModelExchange", b"ScheduledExecution", "neither"),
+    ],
+)
+def test_what_is_refused_of_fmi_3(test_fmu, tmp_path, old, new, message):
+    path = rewrite(test_fmu("Dahlquist", defines=("FMI3",)).path, tmp_path / "bad.fmu", replaced(old, new))
+    with pytest.raises(InputError, match=message):
+        Model.load(path)
+
+
 def edited_binary(edit: Callable[[bytes], bytes]) -> Edit:
     def change(members: dict[str, bytes]) -> None:
         name = next(name for name in members if name.endswith(".so"))
@@ -134,7 +152,7 @@ def test_a_binary_that_is_no_library_is_named(test_fmu, tmp_path, binary):
         Model.load(path)
 
 
-@pytest.mark.parametrize("steps", [False, True])
+@pytest.mark.parametrize(("steps", "where"), [(False, "pool"), (True, "pool"), (False, "here")])
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
@@ -143,22 +161,14 @@ def test_a_binary_that_is_no_library_is_named(test_fmu, tmp_path, binary):
     ],
 )
 @pytest.mark.filterwarnings("ignore::UserWarning")
-def test_a_library_that_is_missing_is_named(test_fmu, pool, tmp_path, steps, old, new, message):
+def test_a_library_that_is_missing_is_named(test_fmu, request, tmp_path, steps, where, old, new, message):
     source = test_fmu("Dahlquist", defines=("STEPS",) if steps else ()).path
     path = rewrite(source, tmp_path / "needs.fmu", edited_binary(lambda data: data.replace(old, new)))
     problem = Problem(Model.load(path), (Experiment(np.array([0.0, 1.0]), ("x",)),), ((),))
-    with pytest.raises(InputError, match=message) as caught, open_simulator(problem, pool=pool) as simulator:
-        simulator.simulate(np.zeros((1, 0)))
+    with pytest.raises(InputError, match=message) as caught:
+        ran(problem, request.getfixturevalue(where))
     assert str(path) in str(caught.value)
     assert "\n" not in str(caught.value)
-
-
-def test_a_missing_library_in_this_process(test_fmu, here, tmp_path):
-    edit = edited_binary(lambda data: data.replace(b"\0libm.so.6\0", b"\0libq.so.3\0"))
-    model = Model.load(rewrite(test_fmu("Dahlquist").path, tmp_path / "needs.fmu", edit))
-    problem = Problem(model, (Experiment(np.array([0.0, 1.0]), ("x",)),), ((),))
-    with NativeSimulator(problem, pool=here) as simulator, pytest.raises(InputError, match=r"libq\.so\.3"):
-        simulator.simulate(np.zeros((1, 0)))
 
 
 def test_a_discrete_input_does_not_move_linearly(test_fmu, tmp_path):
@@ -203,19 +213,6 @@ def test_zip_bomb(test_fmu, tmp_path, monkeypatch):
     monkeypatch.setattr(archive_module, "MAX_UNPACKED_BYTES", 1 << 20)
     with pytest.raises(InputError, match="MiB"):
         Model.load(path)
-
-
-@pytest.mark.parametrize("name", ["Dahlquist", "BouncingBall", "Stair", "Feedthrough", "Circuit"])
-def test_description_agrees_with_fmpy(test_fmu, name):
-    model = test_fmu(name)
-    other = read_model_description(str(model.path), validate=False)
-    assert [(v.name, v.value_reference) for v in model.states] == [
-        (d.variable.derivative.name, d.variable.derivative.valueReference) for d in other.derivatives
-    ]
-    assert [v.name for v in model.outputs] == [v.name for v in other.modelVariables if v.causality == "output"]
-    assert [v.name for v in model.parameters] == [v.name for v in other.modelVariables if v.causality == "parameter"]
-    assert model.event_indicators == other.numberOfEventIndicators
-    assert model.guid == other.guid
 
 
 def test_names_that_are_not_there_list_those_that_are(test_fmu):

@@ -12,11 +12,12 @@ from aero_bayes.data import Recording
 from aero_bayes.errors import CannotFinishError
 from aero_bayes.estimate import ParameterSpec, parameters_from_model
 from aero_bayes.simulation.engines import open_simulator
-from aero_bayes.simulation.interface import Experiment, InputSignal, Outcome, ParameterTarget, Problem
+from aero_bayes.simulation.interface import Experiment, InputSignal, Outcome, ParameterTarget, Problem, Trajectories
 from aero_bayes.simulation.model import Model
 from aero_bayes.simulation.workers import WorkerPool
 
 TIME = np.linspace(0.0, 2.0, 41)
+JUMP = (InputSignal("u", np.array([0.0, 0.7]), np.array([1.0, -1.0])),)
 # x' = b u - k x, x(0) = g, or 1 where g is 0, y = 2 x + 3 u
 TARGETS = {"KEPT_START": (ParameterTarget("k"), ParameterTarget("g"))}
 OTHERS = (ParameterTarget("k"), ParameterTarget("b"))
@@ -24,19 +25,17 @@ VALUES = np.array([[1.3, 0.7], [1.3, 0.7], [0.9, 0.5], [1.1, 2.0], [1.3, 0.7]])
 STEPS = ("STEPS",)
 
 
-JUMP = (InputSignal("u", np.array([0.0, 0.7]), np.array([1.0, -1.0])),)
-
-
-def simulated(
-    model: Model,
-    pool: WorkerPool,
-    define: str,
-    active: tuple[int, ...] | None = None,
-    inputs: tuple[InputSignal, ...] = JUMP,
-):
-    experiments = tuple(Experiment(TIME[:n], ("x", "y"), inputs) for n in (41, 21))
+def simulated(model: Model, pool: WorkerPool, define: str):
+    experiments = tuple(Experiment(TIME[:n], ("x", "y"), JUMP) for n in (41, 21))
     problem = Problem(model, experiments, (TARGETS.get(define, OTHERS),) * 2)
-    return ran(problem, pool, VALUES, active=active)
+    return ran(problem, pool, VALUES)
+
+
+def same(a: Trajectories, b: Trajectories) -> None:
+    """Runs of an odd FMU, all of which succeeded, and of the plain one."""
+    assert np.all(b.outcomes == Outcome.OK)
+    for one, other in zip(a.outputs, b.outputs, strict=True):
+        np.testing.assert_array_equal(one, other)
 
 
 @pytest.mark.long
@@ -47,26 +46,7 @@ def test_co_simulation_that_a_reset_does_not_bring_back(test_fmu, pool, define, 
     plain, odd = (
         simulated(test_fmu("Dahlquist", defines=(*STEPS, *version, *d)), pool, define) for d in ((), (define,))
     )
-    assert np.all(odd.outcomes == Outcome.OK)
-    for a, b in zip(plain.outputs, odd.outputs, strict=True):
-        np.testing.assert_array_equal(a, b)
-
-
-@pytest.mark.parametrize("define", ["IDLE_RESET", "KEPT_START"])
-@pytest.mark.parametrize("version", [(), ("FMI3",)])
-@pytest.mark.parametrize(("directional", "active"), [(True, None), (True, (0, 1)), (False, (0, 1))])
-def test_model_exchange_that_a_reset_does_not_bring_back(test_fmu, here, drive, define, version, directional, active):
-    plain, odd = (
-        simulated(
-            test_fmu("Dahlquist", directional=directional, defines=(*version, *d)), here, define, active, drive(TIME)
-        )
-        for d in ((), (define,))
-    )
-    assert np.all(odd.outcomes == Outcome.OK)
-    for a, b in zip(plain.outputs, odd.outputs, strict=True):
-        np.testing.assert_array_equal(a, b)
-    for a, b in zip(plain.sensitivities or (), odd.sensitivities or (), strict=True):
-        np.testing.assert_array_equal(a, b)
+    same(plain, odd)
 
 
 @pytest.mark.filterwarnings("ignore::UserWarning")
@@ -94,10 +74,8 @@ def test_co_simulation_once_a_process(test_fmu, pool):
         simulated(test_fmu("Dahlquist", defines=(*STEPS, *d)), pool, "")
         for d in ((), ("ONCE",), ("ONCE", "IDLE_RESET"))
     )
-    for found in (reset, idle):
-        assert np.all(found.outcomes == Outcome.OK)
-        for a, b in zip(plain.outputs, found.outputs, strict=True):
-            np.testing.assert_array_equal(a, b)
+    same(plain, reset)
+    same(plain, idle)
 
 
 @pytest.mark.parametrize("steps", [(), STEPS])
