@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import os
-import shutil
+import re
 import subprocess
-import sys
 import zipfile
 from dataclasses import dataclass
 from pathlib import Path
+
+from aero_bayes.modelica.build import c_compiler
 
 SOURCES = Path(__file__).parent / "fmus"
 
@@ -99,37 +99,9 @@ MODELS: dict[str, list[Scalar]] = {
     ],
     "Loop": [*state("x", 0, 1.0), Scalar("z", 2, "output"), parameter("a", 3, 0.5), parameter("c", 4, 0.2)],
     "Circle": [*state("x", 0, 0.1), Scalar("y", 2, "output")],
-    "Wide": [
-        *(
-            Scalar(name, reference, "local", derivative_of=of, start=None if of else 0.0, depends=depends)
-            for name, reference, of, depends in (
-                ("_D_outputAlias_i", 0, None, None),
-                ("der(i)", 1, "_D_outputAlias_i", ("_D_outputAlias_i", "_D_outputAlias_w", "u")),
-                ("_D_outputAlias_w", 2, None, None),
-                ("der(w)", 3, "_D_outputAlias_w", ("_D_outputAlias_i", "_D_outputAlias_w")),
-                ("q", 4, None, None),
-                ("der(q)", 5, "q", ("_D_outputAlias_w", "q", "_D_outputAlias_theta")),
-                ("_D_outputAlias_theta", 6, None, None),
-                ("der(theta)", 7, "_D_outputAlias_theta", ("q",)),
-            )
-        ),
-        *(
-            Scalar(name, 8 + i, "output", depends=(f"_D_outputAlias_{name}",))
-            for i, name in enumerate(("i", "w", "theta"))
-        ),
-        *(
-            parameter(name, 11 + i, value)
-            for i, (name, value) in enumerate(
-                zip("RLKJDGBS", (8.4, 1.16e-3, 0.042, 8.7e-6, 2.4e-8, 8.4e-7, 6e-3, 0.09), strict=True)
-            )
-        ),
-        Scalar("u", 40, "input", 0.0),
-    ],
     "Stepping": [*state("x", 0, 0.0), parameter("b", 2, 0.0), parameter("ceiling", 3, 10.0)],
 }
 INDICATORS = {"BouncingBall": 1, "Loop": 1, "Rub": 1}
-
-
 _TYPES = {"Real": "Float64", "Integer": "Int32", "Boolean": "Boolean"}
 
 
@@ -197,20 +169,29 @@ def description(name: str, model: str, directional: bool, defines: tuple[str, ..
     )
 
 
-def compiler() -> list[str]:
-    """The C compiler: $CC, cc, or the ziglang wheel's."""
-    for name in (os.environ.get("CC"), "cc", "gcc", "clang"):
-        if name and shutil.which(name):
-            return [name]
-    return [sys.executable, "-m", "ziglang", "cc"]
+def variables_in_c(model: str) -> str:
+    """What a model's C source is compiled after: names, states and their derivatives, and start values."""
+    reference = {s.name: s.reference for s in MODELS[model]}
+    names = ((re.sub(r"[\W_]+", "_", name).strip("_").upper(), at) for name, at in reference.items())
+    slopes = [s for s in MODELS[model] if s.derivative_of is not None]
+    tables = {
+        "unsigned states[]": [str(reference[str(s.derivative_of)]) for s in slopes] or ["0"],
+        "unsigned derivatives[]": [str(s.reference) for s in slopes] or ["0"],
+        "double starts[64]": [f"[{s.reference}] = {s.start}" for s in MODELS[model] if s.start is not None],
+    }
+    written = [f"static const {name} = {{{', '.join(values)}}};" for name, values in tables.items()]
+    return "\n".join([f"enum {{ {', '.join(f'{name} = {at}' for name, at in names)} }};", *written, ""])
 
 
 def build(folder: Path, model: str, *, directional: bool = True, defines: tuple[str, ...] = ()) -> Path:
     """Compile one test model and zip it as an FMU."""
     name = "_".join([model, "dd" if directional else "nodd", *defines])
     library = folder / f"{name}.so"
+    variables = folder / f"{model}.h"
+    variables.write_text(variables_in_c(model), encoding="utf-8")
     flags = ["-O2", "-w", "-fPIC", "-shared", "-fvisibility=hidden", *(f"-D{d}" for d in defines)]
-    command = [*compiler(), *flags, "-o", str(library), str(SOURCES / f"{model}.c"), "-lm"]
+    flags += ["-include", str(variables)]
+    command = [*c_compiler(), *flags, "-o", str(library), str(SOURCES / f"{model}.c"), "-lm"]
     subprocess.run(command, check=True, capture_output=True)
     fmu = folder / f"{name}.fmu"
     place = "x86_64-linux" if "FMI3" in defines else "linux64"

@@ -1,16 +1,12 @@
 /* A counter that a time event raises every 0.3 s, and an integrator of it; at t = 2 a jump of the state by `kick`. */
-#define STATES {0}
-#define DERIVATIVES {1}
+enum { KICKED = 50 };
 #include "skeleton.h"
-enum { X, DX, COUNTER, PERIOD, KICK, KICKED };
-static void start(Model *m) { m->r[COUNTER] = 1.0, m->r[PERIOD] = 0.3; }
-static int initialize(Model *m) { return OK; }
-static int update(Model *m)
+static int update(Model *m, Complex *r)
 {
-    m->r[DX] = m->r[COUNTER];
+    r[DER_X] = r[COUNTER];
     return OK;
 }
-static int discrete(Model *m, Events *e)
+int discrete(Model *m, Events *e)
 {
     while (m->t >= m->r[COUNTER] * m->r[PERIOD] - 1e-12) m->r[COUNTER] += 1.0;
     if (m->t >= 2.0 - 1e-12 && !m->r[KICKED]) {
@@ -22,11 +18,5 @@ static int discrete(Model *m, Events *e)
     e->next_defined = 1;
     e->next = m->r[COUNTER] * m->r[PERIOD];
     if (!m->r[KICKED] && e->next > 2.0) e->next = 2.0;
-    return OK;
-}
-static void zero_crossings(Model *m, double *z) {}
-static int derivative(Model *m, unsigned unknown, unsigned known, double *v)
-{
-    *v = 0.0;
     return OK;
 }

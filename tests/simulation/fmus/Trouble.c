@@ -1,6 +1,4 @@
 /* x' = -x, and every kind of misbehaviour, chosen by the parameter `mode`. */
-#define STATES {0}
-#define DERIVATIVES {1}
 #include "skeleton.h"
 #include <fcntl.h>
 #include <signal.h>
@@ -9,12 +7,10 @@
 #include <sys/socket.h>
 #include <sys/stat.h>
 #include <sys/wait.h>
-enum { X, DX, MODE };
 enum { FINE, CRASH, HANG, FAIL, REJECT, FLOOD, NOT_A_NUMBER, REFUSE_START, EVENTS_FOREVER, GONE, FATALLY, STIFFEN, BLOW_UP, LEAK,
        PRINT_FOREVER, ALLOCATE, ALLOCATE_SHARED, FORK, EXECUTE, WRITE_OUTSIDE, CHANGE_MODE, FILL_FILE, CONNECT,
-       SIGNAL_PARENT, SAY_DONE, CRASH_AT_START, HANG_AT_START };
+       SIGNAL_PARENT, SAY_DONE };
 static int flooded;
-static void start(Model *m) { m->r[X] = 1.0; }
 /* What should be refused: not 0 where it was not. */
 static int misbehave(Model *m)
 {
@@ -38,7 +34,7 @@ static int misbehave(Model *m)
     }
     case WRITE_OUTSIDE:
         for (int i = 0; i < 3; i++) {
-            if (i == 0) snprintf(path, sizeof path, "%s/evil", m->resources + strlen("file://"));
+            if (i == 0) snprintf(path, sizeof path, "%s/evil", m->resources);
             if (i == 1) snprintf(path, sizeof path, "../evil");
             if (i == 2) snprintf(path, sizeof path, "/dev/shm/aero-bayes-evil");
             fd = open(path, O_WRONLY | O_CREAT, 0600);
@@ -49,7 +45,7 @@ static int misbehave(Model *m)
         if (fd < 0 || write(fd, "x", 1) != 1 || close(fd) || unlink("mine")) got_through = 1;
         return got_through;
     case CHANGE_MODE:
-        snprintf(path, sizeof path, "%s/y.txt", m->resources + strlen("file://"));
+        snprintf(path, sizeof path, "%s/y.txt", m->resources);
         return chmod(path, 0777) == 0 || truncate(path, 0) == 0 || unlink(path) == 0;
     case FILL_FILE:
         fd = open("full", O_WRONLY | O_CREAT, 0600);
@@ -61,17 +57,13 @@ static int misbehave(Model *m)
         struct rlimit more = {RLIM_INFINITY, RLIM_INFINITY};
         return kill(getppid(), 0) == 0 || setrlimit(RLIMIT_DATA, &more) == 0;
     }
-    case CRASH_AT_START:
-        *(volatile int *)8 = 1;
-    case HANG_AT_START:
-        for (;;) usleep(1000);
     case SAY_DONE:
         for (fd = 3; fd < 32; fd++) write(fd, "d", 1);
         for (;;) usleep(1000);
     }
     return 0;
 }
-static int initialize(Model *m)
+int initialize(Model *m)
 {
     if (m->r[MODE] == REFUSE_START) return ERROR;
     if (misbehave(m)) m->r[X] = 100.0;
@@ -79,9 +71,9 @@ static int initialize(Model *m)
         for (volatile char *kept = malloc(1 << 20), *at = kept; at && at < kept + (1 << 20); at += 4096) *at = 1;
     return OK;
 }
-static int update(Model *m)
+static int update(Model *m, Complex *r)
 {
-    m->r[DX] = -m->r[X];
+    r[DER_X] = -r[X];
     const int late = m->t > 0.5;
     switch ((int)m->r[MODE]) {
     case CRASH:
@@ -102,7 +94,7 @@ static int update(Model *m)
         }
         break;
     case NOT_A_NUMBER:
-        if (late) m->r[DX] = NAN;
+        if (late) r[DER_X] = NAN;
         break;
     case GONE:
         if (late) exit(0);
@@ -110,22 +102,16 @@ static int update(Model *m)
     case FATALLY:
         return late ? FATAL : OK;
     case STIFFEN: /* never smooth: no step is small enough */
-        m->r[DX] = sin(1e18 * m->t) * 1e30;
+        r[DER_X] = sin(1e18 * m->t) * 1e30;
         break;
     case BLOW_UP:
-        m->r[DX] = 1.0 + m->r[X] * m->r[X];
+        r[DER_X] = 1.0 + r[X] * r[X];
         break;
     }
     return OK;
 }
-static int discrete(Model *m, Events *e)
+int discrete(Model *m, Events *e)
 {
     e->again = m->r[MODE] == EVENTS_FOREVER;
-    return OK;
-}
-static void zero_crossings(Model *m, double *z) {}
-static int derivative(Model *m, unsigned unknown, unsigned known, double *v)
-{
-    *v = unknown == DX && known == X ? -1.0 : 0.0;
     return OK;
 }

@@ -1,9 +1,12 @@
-/* A minimal FMI 2.0 Model Exchange skeleton for test models. A model defines before including it:
- *   N, NZ, STATES, DERIVATIVES (value references), and after it the hooks declared below. Ways of other tools, by define:
+/* A minimal FMU for test models: Model Exchange and Co-Simulation (by Euler's method with a fixed number of steps, whatever
+ * tolerance is asked for). Before it the builder includes the names of the variables, the states with their derivatives,
+ * and start values. A model defines update(), and those of the hooks below that it has. Ways of other tools, by define:
+ *   FMI3            speaks FMI 3.0
  *   HELD_INPUTS     nothing may be set between events
  *   FIXED           nothing but inputs (references from 40 on) may be set after initialisation
+ *   REFUSE          no directional derivatives by parameters
+ *   ONLY_STATES     those by parameters are zero, without an error
  *   ONLY_DERIVATIVES_SOLVE  values are brought up to date by fmi2GetDerivatives alone
- *   STEP_EVENT      step_event() is asked after every step
  *   ONCE            one instance a process
  *   NO_RESET        fmi2Reset fails
  *   IDLE_RESET      fmi2Reset reports success and does nothing
@@ -12,17 +15,14 @@
  *   COUNTED_BESIDE  the same, counted in the environment, which loading the library anew does not change
  *   TALLY           adds a byte to the file "instances" for every instance
  *   NOISY           prints on every call of fmi2SetTime
- *   FMI3            speaks FMI 3.0
- *   STEPS           co-simulation only, by Euler's method with a fixed number of steps, whatever tolerance is asked for
- *   ONE_SIZE        and said to take steps of one size only
- *   SLOPES          and with inputs that move linearly over a step
+ *   SLOPES          steps with inputs that move linearly
  * Variables live in m->r, addressed by their value reference. */
-#include <stdarg.h>
-#include <stddef.h>
+#include <complex.h>
+#include <stdbool.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <math.h>
+#include <tgmath.h>
 #include <unistd.h>
 
 typedef struct {
@@ -38,45 +38,72 @@ typedef struct {
     double next;
 } Events;
 
+enum { SIZE = 64 };
 typedef struct {
-    double r[64], slope[64];
-    double t;
+    double r[SIZE], slope[SIZE], kept[SIZE], t;
     const Callbacks *callbacks;
     char name[64], resources[512];
-    int initializing, initialized, continuous;
-    double kept[64];
+    bool initializing, initialized, continuous, began;
 } Model;
 
+typedef double complex Complex;
 enum { OK, WARNING, DISCARD, ERROR, FATAL };
 
 #ifndef STATE /* where a state lives */
 #define STATE(m, i) ((m)->r[states[i]])
 #endif
-static const unsigned states[] = STATES, derivatives_of[] = DERIVATIVES;
 
-static void start(Model *m);           /* default values */
-static int initialize(Model *m);       /* at the end of initialisation */
-static int update(Model *m);           /* derivatives and outputs from states, inputs and time */
-static int discrete(Model *m, Events *e);
-static void zero_crossings(Model *m, double *z);
-static int derivative(Model *m, unsigned unknown, unsigned known, double *value); /* partial derivative */
-#ifdef STEP_EVENT
-static int step_event(Model *m);
-#endif
+/* Derivatives and outputs from states, inputs and time: of complex numbers, whose imaginary parts are small changes. */
+static int update(Model *m, Complex *r);
+#define HOOK __attribute__((weak))
+HOOK int initialize(Model *m); /* at the end of initialisation */
+HOOK int discrete(Model *m, Events *e);
+HOOK void zero_crossings(Model *m, double *z);
+HOOK int step_event(Model *m); /* asked after every step */
 
 #define EXPORTED __attribute__((visibility("default")))
-#ifdef FMI3 /* the functions of FMI 2.0 stay inside, fmi3.h calls them */
-#define API static
+#ifdef FMI3
+typedef bool Flag;
+#define NAME(two, three) fmi3##three
+#define ALSO(n) , size_t n
+#define EQUAL(n, other) if ((n) != (other)) return ERROR
 #else
-#define API EXPORTED
+typedef int Flag;
+#define NAME(two, three) fmi2##two
+#define ALSO(n)
+#define EQUAL(n, other)
 #endif
+#define FMI(two, three) EXPORTED int NAME(two, three)
+#define BOTH(name) FMI(name, name)
 
-API const char *fmi2GetTypesPlatform(void) { return "default"; }
-API const char *fmi2GetVersion(void) { return "2.0"; }
-API int fmi2SetDebugLogging(void *c, int on, size_t n, const char *const *what) { return OK; }
-
-API void *fmi2Instantiate(const char *name, int type, const char *guid, const char *resources, const Callbacks *f,
-                          int visible, int logging)
+/* update() with one variable changed a little, or none (-1). */
+static int changed(Model *m, int known, double change, Complex *r)
+{
+    for (int i = 0; i < SIZE; i++) r[i] = m->r[i] + (i == known) * change * _Complex_I;
+    return update(m, r);
+}
+static int refresh(Model *m)
+{
+    Complex r[SIZE];
+    const int status = changed(m, -1, 0.0, r);
+    for (int i = 0; i < SIZE; i++) m->r[i] = creal(r[i]);
+    return status;
+}
+static int refresh_if_asked(Model *m)
+{
+#ifdef ONLY_DERIVATIVES_SOLVE
+    return OK;
+#endif
+    return m->initialized ? refresh(m) : OK;
+}
+static int reset(Model *m)
+{
+    memcpy(m->r, starts, sizeof m->r);
+    memset(m->slope, 0, sizeof m->slope);
+    m->initializing = m->initialized = m->continuous = false;
+    return OK;
+}
+static void *make(const char *name, const char *resources, const Callbacks *callbacks)
 {
 #ifdef ONCE
     static int instances;
@@ -87,34 +114,30 @@ API void *fmi2Instantiate(const char *name, int type, const char *guid, const ch
     if (tally) fputc('1', tally), fclose(tally);
 #endif
     Model *m = calloc(1, sizeof *m);
-    m->callbacks = f;
+    m->callbacks = callbacks;
     snprintf(m->name, sizeof m->name, "%s", name);
+    if (resources && !strncmp(resources, "file://", 7)) resources += 7;
     snprintf(m->resources, sizeof m->resources, "%s", resources ? resources : "");
-    start(m);
+    reset(m);
     return m;
 }
-API void fmi2FreeInstance(void *c) { free(c); }
-API int fmi2SetupExperiment(void *c, int td, double tol, double t0, int sd, double t1)
+EXPORTED void NAME(FreeInstance, FreeInstance)(void *c) { free(c); }
+static int begin(Model *m)
 {
-    ((Model *)c)->t = t0;
+    m->initializing = true;
     return OK;
 }
-API int fmi2EnterInitializationMode(void *c)
-{
-    ((Model *)c)->initializing = 1;
-    return OK;
-}
-API int fmi2ExitInitializationMode(void *c)
+BOTH(ExitInitializationMode)(void *c)
 {
     Model *m = c;
+    m->initialized = true;
 #ifdef KEPT_START
-    if (m->kept[63]) {
+    if (m->began) {
         memcpy(m->r, m->kept, sizeof m->r);
-        m->initialized = 1;
         return OK;
     }
 #endif
-    const int status = initialize(m);
+    const int status = initialize ? initialize(m) : OK;
 #ifdef COUNTED
     static int count;
     STATE(m, 0) += 1e-3 * count++;
@@ -126,47 +149,41 @@ API int fmi2ExitInitializationMode(void *c)
     setenv("COUNT", text, 1);
     STATE(m, 0) += 1e-3 * count;
 #endif
-    m->initialized = 1;
-    m->r[63] = 1.0;
+    m->began = true;
     memcpy(m->kept, m->r, sizeof m->r);
     return status;
 }
-API int fmi2Terminate(void *c) { return OK; }
-API int fmi2Reset(void *c)
+BOTH(Terminate)(void *c) { return OK; }
+BOTH(Reset)(void *c)
 {
-    Model *m = c;
 #ifdef NO_RESET
     return ERROR;
 #endif
 #ifdef IDLE_RESET
     return OK;
 #endif
-    memset(m->r, 0, sizeof m->r);
-    memset(m->slope, 0, sizeof m->slope);
-    m->initializing = m->initialized = m->continuous = 0;
-    start(m);
-    return OK;
+    return reset(c);
 }
-API int fmi2GetReal(void *c, const unsigned *vr, size_t n, double *v)
+FMI(GetReal, GetFloat64)(void *c, const unsigned *vr, size_t n, double *v ALSO(nv))
 {
-    Model *m = c;
-#ifdef ONLY_DERIVATIVES_SOLVE
-    const int status = OK;
-#else
-    const int status = m->initialized ? update(m) : OK;
-#endif
-    for (size_t i = 0; i < n; i++) v[i] = m->r[vr[i]];
+    EQUAL(n, nv);
+    const int status = refresh_if_asked(c);
+    for (size_t i = 0; i < n; i++) v[i] = ((Model *)c)->r[vr[i]];
     return status;
 }
-API int fmi2GetInteger(void *c, const unsigned *vr, size_t n, int *v)
+FMI(GetInteger, GetInt32)(void *c, const unsigned *vr, size_t n, int *v ALSO(nv))
 {
     for (size_t i = 0; i < n; i++) v[i] = (int)((Model *)c)->r[vr[i]];
     return OK;
 }
-API int fmi2GetBoolean(void *c, const unsigned *vr, size_t n, int *v) { return fmi2GetInteger(c, vr, n, v); }
-API int fmi2GetString(void *c, const unsigned *vr, size_t n, const char **v) { return ERROR; }
-API int fmi2SetReal(void *c, const unsigned *vr, size_t n, const double *v)
+BOTH(GetBoolean)(void *c, const unsigned *vr, size_t n, Flag *v ALSO(nv))
 {
+    for (size_t i = 0; i < n; i++) v[i] = ((Model *)c)->r[vr[i]] != 0.0;
+    return OK;
+}
+FMI(SetReal, SetFloat64)(void *c, const unsigned *vr, size_t n, const double *v ALSO(nv))
+{
+    EQUAL(n, nv);
 #ifdef HELD_INPUTS /* as a discrete input may: set in event mode only */
     if (((Model *)c)->continuous) return ERROR;
 #endif
@@ -177,47 +194,51 @@ API int fmi2SetReal(void *c, const unsigned *vr, size_t n, const double *v)
     for (size_t i = 0; i < n; i++) ((Model *)c)->r[vr[i]] = v[i];
     return OK;
 }
-API int fmi2SetInteger(void *c, const unsigned *vr, size_t n, const int *v) { return ERROR; }
-API int fmi2SetBoolean(void *c, const unsigned *vr, size_t n, const int *v) { return ERROR; }
-API int fmi2SetString(void *c, const unsigned *vr, size_t n, const char *const *v) { return ERROR; }
-API int fmi2GetFMUstate(void *c, void **s) { return ERROR; }
-API int fmi2SetFMUstate(void *c, void *s) { return ERROR; }
-API int fmi2FreeFMUstate(void *c, void **s) { return ERROR; }
-API int fmi2SerializedFMUstateSize(void *c, void *s, size_t *n) { return ERROR; }
-API int fmi2SerializeFMUstate(void *c, void *s, char *d, size_t n) { return ERROR; }
-API int fmi2DeSerializeFMUstate(void *c, const char *d, size_t n, void **s) { return ERROR; }
-#ifndef OWN_DIRECTIONAL
-API int fmi2GetDirectionalDerivative(void *c, const unsigned *unknown, size_t nu, const unsigned *known, size_t nk,
-                                     const double *dv, double *out)
+static bool is_state(unsigned reference)
 {
-    for (size_t i = 0; i < nu; i++) {
-        out[i] = 0.0;
-        for (size_t k = 0; k < nk; k++) {
-            double v = 0.0;
-            const int status = derivative(c, unknown[i], known[k], &v);
-            if (status > WARNING) return status;
-            out[i] += v * dv[k];
-        }
+    for (size_t i = 0; i < sizeof states / sizeof *states; i++)
+        if (states[i] == reference) return true;
+    return false;
+}
+BOTH(GetDirectionalDerivative)(void *c, const unsigned *unknown, size_t nu, const unsigned *known, size_t nk,
+                               const double *dv ALSO(nd), double *out ALSO(no))
+{
+    EQUAL(nk, nd);
+    EQUAL(nu, no);
+    const double change = 1e-30;
+    memset(out, 0, nu * sizeof *out);
+    for (size_t k = 0; k < nk; k++) {
+#ifdef REFUSE
+        if (!is_state(known[k]) && known[k] != U) return ERROR;
+#endif
+#ifdef ONLY_STATES
+        if (!is_state(known[k])) continue;
+#endif
+        Complex r[SIZE];
+        const int status = changed(c, known[k], change, r);
+        if (status > WARNING) return status;
+        for (size_t i = 0; i < nu; i++) out[i] += cimag(r[unknown[i]]) / change * dv[k];
     }
     return OK;
 }
-#endif
-API int fmi2EnterEventMode(void *c) { return ((Model *)c)->continuous = 0; }
-API int fmi2NewDiscreteStates(void *c, Events *e)
+BOTH(EnterEventMode)(void *c) { return ((Model *)c)->continuous = false; }
+BOTH(EnterContinuousTimeMode)(void *c)
 {
-    memset(e, 0, sizeof *e);
-    return discrete(c, e);
-}
-API int fmi2EnterContinuousTimeMode(void *c) { return ((Model *)c)->continuous = 1, OK; }
-API int fmi2CompletedIntegratorStep(void *c, int keep, int *event, int *stop)
-{
-    *event = *stop = 0;
-#ifdef STEP_EVENT
-    *event = step_event(c);
-#endif
+    ((Model *)c)->continuous = true;
     return OK;
 }
-API int fmi2SetTime(void *c, double t)
+static int iterate(Model *m, Events *e)
+{
+    memset(e, 0, sizeof *e);
+    return discrete ? discrete(m, e) : OK;
+}
+BOTH(CompletedIntegratorStep)(void *c, Flag keep, Flag *event, Flag *stop)
+{
+    *event = step_event && step_event(c);
+    *stop = false;
+    return OK;
+}
+BOTH(SetTime)(void *c, double t)
 {
 #ifdef NOISY
     for (int i = 0; i < 20; i++) fprintf(i % 2 ? stdout : stderr, "t = %g\n", t);
@@ -225,69 +246,115 @@ API int fmi2SetTime(void *c, double t)
     ((Model *)c)->t = t;
     return OK;
 }
-API int fmi2SetContinuousStates(void *c, const double *x, size_t n)
+BOTH(SetContinuousStates)(void *c, const double *x, size_t n)
 {
     for (size_t i = 0; i < n; i++) STATE((Model *)c, i) = x[i];
     return OK;
 }
-API int fmi2GetDerivatives(void *c, double *x, size_t n)
+FMI(GetDerivatives, GetContinuousStateDerivatives)(void *c, double *x, size_t n)
 {
-    const int status = update(c);
-    for (size_t i = 0; i < n; i++) x[i] = ((Model *)c)->r[derivatives_of[i]];
+    const int status = refresh(c);
+    for (size_t i = 0; i < n; i++) x[i] = ((Model *)c)->r[derivatives[i]];
     return status;
 }
-API int fmi2GetEventIndicators(void *c, double *z, size_t n)
+BOTH(GetEventIndicators)(void *c, double *z, size_t n)
 {
-#ifdef ONLY_DERIVATIVES_SOLVE
-    const int status = OK;
-#else
-    const int status = update(c);
-#endif
+    const int status = refresh_if_asked(c);
     if (n) zero_crossings(c, z);
     return status;
 }
-API int fmi2GetContinuousStates(void *c, double *x, size_t n)
+BOTH(GetContinuousStates)(void *c, double *x, size_t n)
 {
     for (size_t i = 0; i < n; i++) x[i] = STATE((Model *)c, i);
     return OK;
 }
-API int fmi2GetNominalsOfContinuousStates(void *c, double *x, size_t n)
+BOTH(GetNominalsOfContinuousStates)(void *c, double *x, size_t n)
 {
     for (size_t i = 0; i < n; i++) x[i] = 1.0;
     return OK;
 }
-#ifdef STEPS
-API int fmi2DoStep(void *c, double t, double h, int keep)
+static int step(Model *m, double t, double h)
 {
-    Model *m = c;
-    const size_t n = sizeof states / sizeof *states;
     for (int k = 0; k < 20; k++) {
         m->t = t + h * k / 20;
-        const int status = update(m);
+        const int status = refresh(m);
         if (status > WARNING) return status;
-        for (size_t i = 0; i < n; i++) m->r[states[i]] += h / 20 * m->r[derivatives_of[i]];
-        for (int i = 0; i < 64; i++) m->r[i] += h / 20 * m->slope[i];
+        for (size_t i = 0; i < sizeof states / sizeof *states; i++) m->r[states[i]] += h / 20 * m->r[derivatives[i]];
+        for (int i = 0; i < SIZE; i++) m->r[i] += h / 20 * m->slope[i];
     }
     m->t = t + h;
     return OK;
 }
-API int fmi2SetRealInputDerivatives(void *c, const unsigned *vr, size_t n, const int *order, const double *v)
+
+#define MISSING(name) BOTH(name)(void) { return ERROR; } /* FMPy looks for all of them */
+#ifdef FMI3
+EXPORTED const char *fmi3GetVersion(void) { return "3.0"; }
+EXPORTED void *fmi3InstantiateModelExchange(const char *name, const char *token, const char *path)
 {
-#ifdef SLOPES
-    for (size_t i = 0; i < n; i++) ((Model *)c)->slope[vr[i]] = v[i];
-    return OK;
+    return make(name, path, NULL);
+}
+EXPORTED void *fmi3InstantiateCoSimulation(const char *name, const char *token, const char *path)
+{
+    return make(name, path, NULL);
+}
+EXPORTED int fmi3EnterInitializationMode(void *c, bool td, double tolerance, double start, bool ed, double end)
+{
+    ((Model *)c)->t = start;
+    return begin(c);
+}
+EXPORTED int fmi3UpdateDiscreteStates(void *c, bool *again, bool *stop, bool *nominals, bool *states, bool *next,
+                                      double *time)
+{
+    Events e;
+    const int status = iterate(c, &e);
+    *again = e.again, *stop = e.terminate, *nominals = e.nominals_changed, *states = e.states_changed;
+    *next = e.next_defined, *time = e.next;
+    return status;
+}
+EXPORTED int fmi3DoStep(void *c, double t, double h, bool keep, bool *event, bool *stop, bool *early, double *reached)
+{
+    *event = *stop = *early = false;
+    *reached = t + h;
+    return step(c, t, h);
+}
+MISSING(ActivateModelPartition) MISSING(DeserializeFMUState) MISSING(EnterConfigurationMode) MISSING(EnterStepMode)
+MISSING(EvaluateDiscreteStates) MISSING(ExitConfigurationMode) MISSING(FreeFMUState) MISSING(GetAdjointDerivative)
+MISSING(GetBinary) MISSING(GetClock) MISSING(GetFMUState) MISSING(GetFloat32) MISSING(GetInt16) MISSING(GetInt64)
+MISSING(GetInt8) MISSING(GetIntervalDecimal) MISSING(GetIntervalFraction) MISSING(GetNumberOfContinuousStates)
+MISSING(GetNumberOfEventIndicators) MISSING(GetNumberOfVariableDependencies) MISSING(GetOutputDerivatives)
+MISSING(GetShiftDecimal) MISSING(GetShiftFraction) MISSING(GetString) MISSING(GetUInt16) MISSING(GetUInt32)
+MISSING(GetUInt64) MISSING(GetUInt8) MISSING(GetVariableDependencies) MISSING(InstantiateScheduledExecution)
+MISSING(SerializeFMUState) MISSING(SerializedFMUStateSize) MISSING(SetBinary) MISSING(SetBoolean) MISSING(SetClock)
+MISSING(SetDebugLogging) MISSING(SetFMUState) MISSING(SetFloat32) MISSING(SetInt16) MISSING(SetInt32)
+MISSING(SetInt64) MISSING(SetInt8) MISSING(SetIntervalDecimal) MISSING(SetIntervalFraction) MISSING(SetShiftDecimal)
+MISSING(SetShiftFraction) MISSING(SetString) MISSING(SetUInt16) MISSING(SetUInt32) MISSING(SetUInt64)
+MISSING(SetUInt8)
 #else
+EXPORTED const char *fmi2GetTypesPlatform(void) { return "default"; }
+EXPORTED const char *fmi2GetVersion(void) { return "2.0"; }
+EXPORTED int fmi2SetDebugLogging(void) { return OK; }
+EXPORTED void *fmi2Instantiate(const char *name, int type, const char *guid, const char *resources, const Callbacks *f)
+{
+    return make(name, resources, f);
+}
+EXPORTED int fmi2SetupExperiment(void *c, int td, double tolerance, double start, int ed, double end)
+{
+    ((Model *)c)->t = start;
+    return OK;
+}
+EXPORTED int fmi2EnterInitializationMode(void *c) { return begin(c); }
+EXPORTED int fmi2NewDiscreteStates(void *c, Events *e) { return iterate(c, e); }
+EXPORTED int fmi2DoStep(void *c, double t, double h, int keep) { return step(c, t, h); }
+EXPORTED int fmi2SetRealInputDerivatives(void *c, const unsigned *vr, size_t n, const int *order, const double *v)
+{
+#ifndef SLOPES
     return ERROR;
 #endif
+    for (size_t i = 0; i < n; i++) ((Model *)c)->slope[vr[i]] = v[i];
+    return OK;
 }
-API int fmi2GetRealOutputDerivatives(void *c, const unsigned *vr, size_t n, const int *order, double *v) { return ERROR; }
-API int fmi2CancelStep(void *c) { return ERROR; }
-API int fmi2GetStatus(void *c, int kind, int *v) { return ERROR; }
-API int fmi2GetRealStatus(void *c, int kind, double *v) { return ERROR; }
-API int fmi2GetIntegerStatus(void *c, int kind, int *v) { return ERROR; }
-API int fmi2GetBooleanStatus(void *c, int kind, int *v) { return ERROR; }
-API int fmi2GetStringStatus(void *c, int kind, const char **v) { return ERROR; }
-#endif
-#ifdef FMI3
-#include "fmi3.h"
+MISSING(GetString) MISSING(SetInteger) MISSING(SetBoolean) MISSING(SetString) MISSING(GetFMUstate) MISSING(SetFMUstate)
+MISSING(FreeFMUstate) MISSING(SerializedFMUstateSize) MISSING(SerializeFMUstate) MISSING(DeSerializeFMUstate)
+MISSING(GetRealOutputDerivatives) MISSING(CancelStep) MISSING(GetStatus) MISSING(GetRealStatus)
+MISSING(GetIntegerStatus) MISSING(GetBooleanStatus) MISSING(GetStringStatus)
 #endif
