@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from closed_form import held
 
 from aero_bayes.data import Recording
-from aero_bayes.errors import InputError
 from aero_bayes.estimate import ParameterSpec
 from aero_bayes.loop import LoopSettings, close_loop
 
@@ -77,9 +74,3 @@ def test_a_wrong_fixed_value_is_freed_beside_the_effect(ladder, settings):
     assert value["R_1"] * c_1 == pytest.approx(R_1 * C_1, rel=0.02)
     assert value["R_2"] * c_1 == pytest.approx(R_2 * C_1, rel=0.02)
     assert leak * value["R_1"] == pytest.approx(LEAK * R_1, rel=0.02)
-
-
-def test_a_parameter_that_the_model_lacks_cannot_be_left_for_later(ladder, settings):
-    missing = replace(settings, parameters={"R_1": None, "C_3": ParameterSpec(free_if_identified=True)})
-    with pytest.raises(InputError, match="no parameter C_3"):
-        close_loop([driven("a", 61)], model=ladder, settings=missing, workers=0)

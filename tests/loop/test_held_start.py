@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from closed_form import held
-from rigs import RIGS, ROOM
+from rigs import METER, RIGS, ROOM, noise
 
 from aero_bayes import FitSettings, fit
 from aero_bayes.data import Recording
@@ -49,17 +49,6 @@ def test_the_written_model_has_the_fitted_values_and_the_start_in_its_difference
     assert any("T_w(" in line and "start = 2.0" in line for line in added)
 
 
-DRIVE = """model Drive
-  parameter Real T(unit = "s", min = 0) = 1;
-  parameter Real K(min = 0) = 1;
-  input Real u(unit = "V");
-  output Real y(unit = "V", start = 0, fixed = true);
-equation
-  T*der(y) = K*u - y;
-end Drive;
-"""
-
-
 def late(name: str, seed: int, start: float) -> Recording:
     """Behind a filter of 0.4 s, which holds something else than the first input when a recording begins."""
     u = np.repeat(np.random.default_rng(seed).uniform(-1.0, 1.0, 20), 20)
@@ -68,17 +57,14 @@ def late(name: str, seed: int, start: float) -> Recording:
         return np.array([(level - x[0]) / 0.4, (1.5 * x[0] - x[1]) / 0.8])
 
     read = held(slope, np.array([start, 0.0]), u, 0.05, 8)[:, 1]
-    return Recording(
-        name, 0.05 * np.arange(u.size), {"u": u},
-        {"y": read + 0.003 * np.random.default_rng(seed + 1000).normal(size=u.size)},
-    )  # fmt: skip
+    return Recording(name, 0.05 * np.arange(u.size), {"u": u}, {"y": read + 0.003 * noise(seed, u.size)})
 
 
 def test_the_start_of_a_laws_state_has_a_value_in_each_recording(tmp_path):
-    (tmp_path / "Drive.mo").write_text(DRIVE, encoding="utf-8")
+    (tmp_path / "Meter.mo").write_text(METER, encoding="utf-8")
     settings = LoopSettings(parameters=("T", "K"), laws=("lag", "gain", "offset"), max_effects=1)
     training = [late("a", 21, 2.0), late("b", 22, -1.5)]
-    result = close_loop(training, [late("c", 23, 1.0)], model=tmp_path / "Drive.mo", settings=settings, workers=0)
+    result = close_loop(training, [late("c", 23, 1.0)], model=tmp_path / "Meter.mo", settings=settings, workers=0)
     assert [effect.id for effect in result.effects] == ["lag@u"]
     (time,) = (p for p in result.effects[0].parameters if p.name == "T_l")
     # the two time constants in series may be exchanged
