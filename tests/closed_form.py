@@ -7,7 +7,9 @@ from pathlib import Path
 from typing import TypeVar
 
 import numpy as np
+from numpy.random import Generator
 
+from aero_bayes.data import Recording
 from aero_bayes.estimate import NoiseModel
 from aero_bayes.estimate.calibration import Calibration
 from aero_bayes.estimate.fit import fit_calibration
@@ -75,14 +77,14 @@ def held(slope: Callable[[State, float], State], start: object, u: State, interv
     return np.array(states)
 
 
-def square_wave_lag(gain: float = 1.0, start: float = 0.0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Times, a square wave between plus and minus one, and the answer of a lag of 4 s to it."""
+def square_wave_lag(rng: Generator, gain: float = 1.0, start: float = 0.0, name: str = "run") -> Recording:
+    """A recording of the answer of a lag of 4 s to a square wave between plus and minus one, with noise of 0.01."""
     time = np.arange(0.0, 40.0, 0.2)
     u = np.where(np.floor(time / 10.0) % 2 == 0, 1.0, -1.0)
     y = np.full(time.size, start)
     for k in range(1, time.size):
         y[k] = gain * u[k - 1] + (y[k - 1] - gain * u[k - 1]) * np.exp(-0.2 / 4.0)
-    return time, u, y
+    return Recording(name, time, {"u": u}, {"y": y + 0.01 * rng.standard_normal(time.size)}, {})
 
 
 def damped_stops(e: float, v: float, k_s: float, x_s: float, t_s: float) -> float:

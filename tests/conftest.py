@@ -53,6 +53,12 @@ def room(tmp_path_factory: pytest.TempPathFactory) -> Model:
     return heated_room.model(tmp_path_factory.mktemp("room"))
 
 
+@pytest.fixture(scope="session")
+def one_dof(tmp_path_factory: pytest.TempPathFactory) -> Model:
+    """The AERO that pitches only, built once."""
+    return Model.load(export_fmu("Aero.Systems.OneDof", tmp_path_factory.mktemp("aero") / "OneDof.fmu"))
+
+
 @pytest.fixture
 def trust(record_property: Callable[[str, object], None]) -> Callable[[str, float], None]:
     """Notes how far a result is from what it is compared with, in a row of ``docs/trust.md``."""

@@ -15,19 +15,12 @@ from aero_bayes.estimate.fit import fit
 from aero_bayes.estimate.information import LEVELS, ExperimentPredictor, SearchSettings, posterior_sd, staircase
 from aero_bayes.estimate.levenberg_marquardt import FitSettings
 from aero_bayes.estimate.propose import propose_experiment
-from aero_bayes.modelica.compilers import export_fmu
-from aero_bayes.simulation.model import Model
 from simulated_rigs.designs import pulse
 
 pytestmark = pytest.mark.fast
 
 QUICK = SearchSettings(start=6, rounds=2, candidates=6, seed=3)
 LOCAL = FitSettings(method="local")
-
-
-@pytest.fixture(scope="module")
-def model(tmp_path_factory: pytest.TempPathFactory) -> Model:
-    return Model.load(export_fmu("Aero.Systems.OneDof", tmp_path_factory.mktemp("fmu") / "OneDof.fmu"))
 
 
 @pytest.fixture(scope="module")
@@ -39,8 +32,8 @@ def short_pulse():
 
 
 @pytest.fixture(scope="module")
-def fitted(model, short_pulse):
-    return fit(short_pulse, model, settings=LOCAL, workers=0)
+def fitted(one_dof, short_pulse):
+    return fit(short_pulse, one_dof, settings=LOCAL, workers=0)
 
 
 @pytest.fixture(scope="module")

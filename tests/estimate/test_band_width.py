@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from itertools import pairwise
-
 import closed_form
 import numpy as np
 import pytest
@@ -12,8 +10,7 @@ from aero_bayes.estimate import Normal
 from aero_bayes.estimate.fit import fit_calibration
 from aero_bayes.estimate.laplace import BLOCK_COUNT, LinearisedFit, blocks_of_time, conformal_quantile
 from aero_bayes.estimate.levenberg_marquardt import FitSettings
-from aero_bayes.estimate.noise import SampleTimes, residual_correlation_time
-from aero_bayes.estimate.objective import Series
+from aero_bayes.estimate.noise import residual_correlation_time
 from aero_bayes.estimate.result import Fit
 from aero_bayes.simulation.interface import NORMAL_HALF_WIDTH
 
@@ -119,16 +116,3 @@ def test_correlated_scores_count_for_fewer() -> None:
     assert once == pytest.approx(np.quantile(scores, 0.9 * (1.0 + 1.0 / 200)), rel=0.02)
     assert often == pytest.approx(once, rel=0.05)  # not the quantile of 4000 independent ones, but nearly of 200
     assert conformal_quantile([np.repeat(scores[:8], 20)], 0.9) == scores[:8].max()
-
-
-def test_blocks_hold_all_readings_once_and_no_fewer_than_asked_on_average():
-    rng = np.random.default_rng(2)
-    time = np.arange(300) * 0.1
-    series = [Series(e, k, f"y{k}", SampleTimes.of(time, time), time) for e in range(2) for k in range(2)]
-    linear = LinearisedFit(rng.normal(size=(3, 1200)), np.zeros(1200), np.eye(3))
-    found = blocks_of_time(series, linear.leverage, BLOCK_COUNT, 50)
-    assert [len(blocks) for blocks in found] == [12, 12]
-    assert sorted(np.concatenate([c for blocks in found for c in blocks]).tolist()) == list(range(1200))
-    for blocks in found:
-        ends = [[np.tile(time, 4)[block].min(), np.tile(time, 4)[block].max()] for block in blocks]
-        assert all(later[0] >= earlier[1] for earlier, later in pairwise(ends))

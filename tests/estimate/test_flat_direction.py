@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
 import aero_bayes
 from aero_bayes import FitSettings, Recording
-from aero_bayes.cli import main
 from aero_bayes.estimate import CalibrationSettings
 from aero_bayes.estimate.identifiability import assess
+from aero_bayes.report.schema_run import RunJson
+from aero_bayes.report.words import verdict
 from aero_bayes.simulation.engines import open_simulator
 from aero_bayes.simulation.interface import Experiment, InputSignal, Problem, SolverSettings
 
@@ -69,6 +68,9 @@ def test_without_the_current_no_torque_is_identified(drive: tuple[aero_bayes.Mod
     assert abs(fit["R"].value - TRUTH["R"]) > 5.0 * (fit["R"].sd or 0.0)  # what a held guess does to it
     assert all(str(fit[name].status) == "weak" for name in direction.members)
     assert direction.sentence == fit.to_dict()["identifiability"]["text"][0]
+    page = verdict(RunJson.model_validate({"identifiability": {"flat": [direction.sentence]}}))
+    assert page.level == "warning"
+    assert direction.sentence in page.text
 
 
 def test_with_the_current_each_is(drive: tuple[aero_bayes.Model, Recording]):
@@ -79,28 +81,6 @@ def test_with_the_current_each_is(drive: tuple[aero_bayes.Model, Recording]):
     for name in FREE:
         assert str(fit[name].status) == "identified"
         assert fit[name].value == pytest.approx(TRUTH[name], abs=5.0 * fit[name].sd)
-
-
-def test_the_loops_page_says_it_too(drive: tuple[aero_bayes.Model, Recording], tmp_path: Path):
-    _, whole = drive
-    columns = np.column_stack([whole.time, whole.inputs["u"], whole.outputs["w"]])
-    np.savetxt(tmp_path / "run.csv", columns, delimiter=",", header="time,u,w", comments="")
-    (tmp_path / "Drive.mo").write_text(DRIVE)
-    free = "\n".join(f"{name} = {{free = true}}" for name in FREE)
-    (tmp_path / "drive.toml").write_text(
-        f"""[model]\nsources = ["Drive.mo"]\nname = "Drive"\n[data]\ninputs = ["u"]\noutputs = ["w"]
-interpolation = "hold"\n[loop]\nlaws = ["cubic_stiffness"]\n[parameters]\n{free}\n"""
-    )
-    arguments = ["--config", tmp_path / "drive.toml", "--train", tmp_path / "run.csv", "--out", tmp_path / "out"]
-    done = CliRunner().invoke(main, ["close-loop", "--workers", "1", "--quiet", *map(str, arguments)])
-    assert done.exit_code == 0, done.output
-    result = json.loads((tmp_path / "out" / "result.json").read_text())
-    assert result["verdict"]["level"] == "warning"
-    (sentence,) = result["identifiability"]["flat"]
-    assert sentence in result["verdict"]["text"]
-    members = [name for name in FREE if f"`{name}`" in sentence]
-    assert {"R", "F_c", "J_l"} <= set(members)
-    assert {result["parameters"][name]["status"] for name in members} == {"weak"}
 
 
 @pytest.mark.parametrize(("level", "told"), [(1e8, True), (1e12, False)])

@@ -146,9 +146,3 @@ def test_the_starts_that_a_model_fixes_can_be_estimated(exported, warm):
     wider = searched_too(made, [*held["T"], *held["T_w"]])
     assert wider.parameters.names == (*made.parameters.names, "T_start", "T_w_start")
     assert held_starts(wider) == {}
-
-
-def test_a_start_that_is_right_is_not_told(exported, spun):
-    fit = aero_bayes.fit(spun, exported(ROTOR), parameters=["J_r", "d"], settings=LOCAL, workers=0)
-    assert not fit.calibration.data.recordings[0].findings
-    assert fit.verdict.startswith("Rotor explains the recordings")

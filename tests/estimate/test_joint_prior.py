@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
@@ -88,17 +86,3 @@ def test_a_posterior_of_other_parameters_is_refused() -> None:
         with_joint_prior(parameters(), {"c": np.ones(100)})
     with pytest.raises(InputError, match="5 draws, expected 10"):
         with_joint_prior(parameters(), {"a": np.arange(5.0)})
-
-
-def test_a_file_of_the_sampler_is_read_back(tmp_path: Path) -> None:
-    import xarray
-
-    from aero_bayes.estimate.posterior import draws_in
-
-    draws = np.random.default_rng(1).normal(size=(4, 50))
-    group = xarray.Dataset({"a": (("chain", "draw"), draws)})
-    group.to_netcdf(str(tmp_path / "posterior.nc"), group="posterior", engine="h5netcdf")
-    assert draws_in(tmp_path / "posterior.nc")["a"] == pytest.approx(draws)
-    (tmp_path / "other.nc").write_text("none")
-    with pytest.raises(InputError, match="no posterior"):
-        draws_in(tmp_path / "other.nc")

@@ -1,4 +1,4 @@
-"""A cheap problem leads to the valley of the full one, and starts of states that no one measured are found."""
+"""A cheap problem leads to the valley of the full one, and the beginning of a recording to that of the whole."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from aero_bayes.data import Recording
 from aero_bayes.estimate import CalibrationSettings, NoiseModel, ParameterSpec, Uniform, parameters_from_model
 from aero_bayes.estimate.calibration import calibrate
 from aero_bayes.estimate.delays import with_few_samples
-from aero_bayes.estimate.fit import fit, fit_calibration
+from aero_bayes.estimate.fit import fit_calibration
 from aero_bayes.estimate.levenberg_marquardt import FitSettings
 from aero_bayes.estimate.local_fit import LocalFitSettings, local_fit
 from aero_bayes.estimate.objective import Objective
@@ -30,33 +30,22 @@ equation
   der(v) = u - w * w * s - 0.05 * v;
 end Swinging;
 """
-TANKS = """
-model Tanks "Two tanks in series; the level of the second is read"
-  parameter Real k1(min = 0.01, max = 10) = 0.5 "Outflow of the first per level";
-  parameter Real k2(min = 0.01, max = 10) = 0.8 "Outflow of the second per level";
-  input Real q;
-  output Real level = h2;
-  Real h1(start = 0.5, fixed = true) "Level of the first tank";
-  Real h2(start = 0.2, fixed = true) "Level of the second tank";
-equation
-  der(h1) = q - k1 * h1;
-  der(h2) = k1 * h1 - k2 * h2;
-end Tanks;
-"""
-
-
-def driven(a, b, start, force, interval):
-    """Exact response of a linear system to a force (n,) that is held between samples: states (n, 2)."""
-    system = (np.array(a), np.array(b)[:, None], np.eye(2), np.zeros((2, 1)))
-    ad, bd, *_ = cont2discrete(system, interval)
-    out = [np.array(start)]
-    for u in force[:-1]:
-        out.append(ad @ out[-1] + bd[:, 0] * u)
-    return np.array(out)
 
 
 def swinging(w, force, interval):
-    return driven([[0.0, 1.0], [-w * w, -0.05]], [0.0, 1.0], [3.0, 0.0], force, interval)[:, 0]
+    """Exact position (n,) of the oscillator under a force (n,) that is held between samples."""
+    system = np.array([[0.0, 1.0], [-w * w, -0.05]]), np.array([[0.0], [1.0]]), np.eye(2), np.zeros((2, 1))
+    ad, bd, *_ = cont2discrete(system, interval)
+    out = [np.array([3.0, 0.0])]
+    for u in force[:-1]:
+        out.append(ad @ out[-1] + bd[:, 0] * u)
+    return np.array(out)[:, 0]
+
+
+def of_pendulum(model, force, readings):
+    free = parameters_from_model(model, overrides={"w": ParameterSpec()})
+    settings = CalibrationSettings(delay="none", may_start_at_rest=())
+    return calibrate([Recording("swing", TIME, {"u": force}, {"x": readings})], model, free, settings=settings)
 
 
 SAMPLES, INTERVAL = 150, 0.02
@@ -72,12 +61,7 @@ FORCES = {
 def test_the_cheap_problem_leads_to_the_valley_of_the_full_one(exported, kind):
     w, force, averaged = FORCES[kind]
     readings = swinging(w, force, INTERVAL) + 0.02 * np.random.default_rng(3).standard_normal(TIME.size)
-    model = exported(PENDULUM)
-    calibration = calibrate(
-        [Recording("swing", TIME, {"u": force}, {"x": readings})], model,
-        parameters_from_model(model, overrides={"w": ParameterSpec()}),
-        settings=CalibrationSettings(delay="none", may_start_at_rest=()),
-    )  # fmt: skip
+    calibration = of_pendulum(exported(PENDULUM), force, readings)
     assert np.all(np.diff(force) != 0.0)
 
     with open_simulator(calibration.problem(), workers=0) as simulator:
@@ -108,50 +92,11 @@ def test_the_cheap_problem_leads_to_the_valley_of_the_full_one(exported, kind):
 
 
 def test_few_changes_of_the_input_are_left_as_they_are(exported):
-    model = exported(PENDULUM)
-    force = np.repeat([1.0, -1.0, 2.0], 1000)
-    calibration = calibrate(
-        [Recording("swing", TIME, {"u": force}, {"x": np.cos(TIME)})], model,
-        parameters_from_model(model, overrides={"w": ParameterSpec()}),
-        settings=CalibrationSettings(delay="none", may_start_at_rest=()),
-    )  # fmt: skip
+    calibration = of_pendulum(exported(PENDULUM), np.repeat([1.0, -1.0, 2.0], 1000), np.cos(TIME))
     with open_simulator(calibration.problem(), workers=0) as simulator:
         cheap = with_few_samples(calibration, simulator, SAMPLES)
     assert cheap.data.experiments[0].inputs == calibration.data.experiments[0].inputs
     assert cheap.data.experiments[0].time.size == SAMPLES
-
-
-def test_starts_of_states_that_no_one_measured_are_found(exported):
-    """Of two tanks in series only the second is read; both start elsewhere than the model says, each time anew."""
-    k1, k2, interval = 0.4, 1.1, 0.05
-    time = np.arange(600) * interval
-    inflow = np.repeat([0.5, 0.0, 1.0, 0.2], 150)
-    rng = np.random.default_rng(8)
-    starts = {"one": (1.5, 0.8), "two": (0.1, 0.4)}
-    recordings = [
-        Recording(
-            name, time, {"q": inflow},
-            {"level": driven([[-k1, 0.0], [k1, -k2]], [1.0, 0.0], start, inflow, interval)[:, 1]
-             + 0.01 * rng.standard_normal(time.size)},
-        )
-        for name, start in starts.items()
-    ]  # fmt: skip
-    model = exported(TANKS)
-    parameters = parameters_from_model(model, overrides={"k1": ParameterSpec(), "k2": ParameterSpec()})
-    settings = FitSettings(method="local", calibration=CalibrationSettings(delay="none", initial_states="estimated"))
-    found = fit(recordings, model, parameters=parameters, settings=settings, workers=0)
-    assert found.warnings == ()
-    truth = {"k1": k1, "k2": k2}
-    for name, (first, second) in starts.items():
-        truth |= {f"h1_start[{name}]": first, f"level_start[{name}]": second}
-    assert set(truth) <= set(found.parameters)
-    for name, value in truth.items():
-        estimate = found[name]
-        assert abs(estimate.value - value) < 4.5 * estimate.sd, name
-        assert estimate.sd < 0.03, name
-    # Held at the model's own start instead, the first tank spoils the fit.
-    blind = FitSettings(method="local", calibration=CalibrationSettings(delay="none"))
-    assert fit(recordings, model, parameters=parameters, settings=blind, workers=0).rms["level"] > 2.0 * 0.01
 
 
 def test_a_wave_of_many_periods_is_found_from_its_beginning():

@@ -20,10 +20,6 @@ def squared(time, p):
     return (p[..., 0] ** 2 * (1.0 - np.exp(-time / p[..., 1])))[:, None]
 
 
-def swapped(time, p):
-    return (np.exp(-time / p[..., 0]) + np.exp(-time / p[..., 1]))[:, None]
-
-
 def plain(time, p):
     return (p[..., 0] * (1.0 - np.exp(-time / p[..., 1])))[:, None]
 
@@ -52,13 +48,6 @@ def test_a_sign_that_is_squared(seed: int):
     assert found.to_dict()["fit"]["modes"][0]["values"]["b"] == mode.values["b"]
     assert found.diagnosis["search"].found
     assert "b = " in found.diagnosis["search"].what
-
-
-@pytest.mark.parametrize("seed", SEEDS)
-def test_time_constants_that_may_swap(seed: int):
-    found = fitted(swapped, ("tau_a", "tau_b"), (0.7, 4.0), seed, (0.1, 0.1), (20.0, 20.0))
-    (mode,) = found.modes
-    assert mode.values["tau_a"] == pytest.approx(found["tau_b"].value, rel=1e-3)
 
 
 @pytest.mark.parametrize("seed", SEEDS)

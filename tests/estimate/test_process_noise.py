@@ -19,9 +19,7 @@ from aero_bayes.data import Recording
 from aero_bayes.errors import InputError
 from aero_bayes.estimate import CalibrationSettings
 from aero_bayes.estimate.noise import NoiseModel
-from aero_bayes.estimate.objective import objective_of
 from aero_bayes.estimate.residual_tests import check_residuals
-from aero_bayes.simulation.engines import open_simulator
 
 DRIFT = """model Drift
   parameter Real theta(unit = "1/s") = 5; parameter Real mu = 1;
@@ -117,18 +115,6 @@ def test_fit_is_the_maximum_of_another_filters_likelihood(case):
     np.testing.assert_allclose(found, sd, rtol=0.35)  # expected information against observed
 
 
-def test_score_and_information_are_of_the_likelihood(case):
-    fit, _, _ = case
-    with open_simulator(fit.calibration.problem(), workers=0) as simulator:
-        objective = objective_of(fit.calibration, simulator)
-        at = fit.calibration.parameters.to_search(fit.values) + 0.1
-        white = objective.whiten(objective.evaluate(at, range(len(at))), {})
-        rows = np.concatenate([at + 1e-4 * np.eye(len(at)), at - 1e-4 * np.eye(len(at))])
-        values = fit.calibration.parameters.from_search(rows)
-        up, down = np.split(simulator.log_likelihood(values, np.ones(3)).log_likelihood[:, 0], 2)
-    np.testing.assert_allclose(white.score, (up - down) / 2e-4, rtol=1e-4, atol=1e-4)
-
-
 def test_innovations_and_smoothed_states_hold_what_they_promise(case):
     fit, _, x = case
     (report,) = check_residuals(fit.calibration, fit.series, fit.optimum, {("run", "x"): 0.1})
@@ -189,13 +175,3 @@ def test_given_diffusion_is_kept_and_an_uncertain_start_is_the_models(model):
             recording, model, parameters=["mu"], workers=0,
             settings=aero_bayes.FitSettings(cost="weighted", noise=NoiseModel(process={"x": "estimated"})),
         )  # fmt: skip
-
-
-@pytest.mark.long
-def test_intervals_of_the_diffusion_hold_it_as_often_as_they_say(model):
-    # Of 60 at 90 %, fewer than 43 have a probability of 3e-5.
-    inside = 0
-    for seed in range(60):
-        entry = fitted(model, drawn(np.random.default_rng([7, seed]))[0])["process.x"]
-        inside += entry.q05 <= TRUTH[2] <= entry.q95
-    assert inside >= 43

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -14,7 +15,10 @@ from aero_bayes.data import Recording
 from aero_bayes.errors import InputError
 from aero_bayes.estimate import CalibrationSettings, ParameterSpec, parameters_from_model
 from aero_bayes.estimate.calibration import calibrate
-from aero_bayes.estimate.interpolation import moving_inputs, with_interpolation
+from aero_bayes.estimate.global_search import GlobalSearch
+from aero_bayes.estimate.interpolation import choose_interpolation, moving_inputs, with_interpolation
+from aero_bayes.estimate.objective import Objective
+from aero_bayes.simulation.engines import open_simulator
 from aero_bayes.simulation.interface import Interpolation
 
 HOUSE = """model House "A room with a heater"
@@ -28,16 +32,15 @@ equation
 end House;
 """
 TAU, GAIN, STEP, NOISE = 2.0, 5.0, 0.5, 0.02
-TIME = STEP * np.arange(600)
+TIME, LAG = STEP * np.arange(600), [[-1.0 / TAU]]
 
 
-def answer(u: np.ndarray, gain: float, how: Interpolation) -> np.ndarray:
-    """Of the room at its samples to an input that holds or runs in straight lines between them."""
-    method = {"hold": "zoh", "linear": "foh"}[how]
-    one = np.ones((1, 1))
-    system = cont2discrete((-one / TAU, gain * one / TAU, one, 0.0 * one), STEP, method=method)
+def answer(u: np.ndarray, motion: list[list[float]], force: list[list[float]], how: Interpolation, step: float):
+    """Of the first state of a linear system at rest to an input that holds, or is linear, between samples."""
+    system = (np.array(motion), np.array(force), np.eye(1, len(motion)), np.zeros((1, 1)))
     # the discrete system of straight lines has a state of its own, which starts at rest with the input at zero
-    return dlsim(system, u)[1][:, 0]
+    discrete = cont2discrete(system, step, method={"hold": "zoh", "linear": "foh"}[how])
+    return dlsim(discrete, u)[1][:, 0]
 
 
 def house(heater_is: Interpolation, at_night: bool) -> Recording:
@@ -48,7 +51,8 @@ def house(heater_is: Interpolation, at_night: bool) -> Recording:
     if at_night:
         heater[(TIME % 24.0 > 9.0)] = 0.0
     outside[0] = heater[0] = 0.0
-    room = answer(outside, 1.0, "linear") + answer(heater, GAIN, heater_is)
+    room = answer(outside, LAG, [[1.0 / TAU]], "linear", STEP)
+    room += answer(heater, LAG, [[GAIN / TAU]], heater_is, STEP)
     return Recording(
         "house", TIME, {"T_amb": outside, "heater": heater}, {"T": room + NOISE * rng.standard_normal(TIME.size)}
     )
@@ -100,3 +104,54 @@ def test_a_reading_by_name_and_what_may_move(exported) -> None:
     assert moving_inputs(calibration.data.recordings[0], discrete) == ()
     with pytest.raises(InputError, match=facts("interpolation", "wind", "house", "T_amb", "heater")):
         calibrate([recording], model, free, settings=CalibrationSettings(interpolation={"wind": "linear"}))
+
+
+OSCILLATOR = """model Oscillator "A mass on a spring"
+  parameter Real m(unit = "s2", min = 0) = 6e-6;
+  parameter Real d(unit = "s", min = 0) = 1e-4;
+  parameter Real a(unit = "1", min = 0) = 1;
+  input Real u(unit = "V");
+  output Real y(unit = "V", start = 0);
+  Real v(unit = "V/s", start = 0);
+equation
+  der(y) = v;
+  m*der(v) = u - d*v - a*y;
+end Oscillator;
+"""
+MASS, DAMPING, SPRING = 5.1e-6, 2.2e-4, 0.97
+
+
+def resonating() -> Recording:
+    """A resonance that shows at the samples as one ten times as fast, where the inputs are read as held."""
+    rng = np.random.default_rng(91)
+    time, tones = np.arange(3000) / 610.0, np.arange(1, 200)
+    phases = rng.uniform(0.0, 2.0 * np.pi, tones.size)
+    u = 0.012 * np.sin(2.0 * np.pi * np.outer(time, tones) + phases).sum(axis=1)
+    motion, force = [[0.0, 1.0], [-SPRING / MASS, -DAMPING / MASS]], [[0.0], [1.0 / MASS]]
+    y = answer(u, motion, force, "linear", 1.0 / 610.0)[1000:] + 1e-3 * rng.standard_normal(2000)
+    return Recording("run", time[1000:] - time[1000], {"u": u[1000:]}, {"y": y})
+
+
+def test_a_resonance_is_not_taken_for_its_alias(exported):
+    """Held inputs make the alias the better of two bad fits; straight lines are tried from the start as well."""
+    model = exported(OSCILLATOR)
+    free = parameters_from_model(model, overrides={name: ParameterSpec() for name in ("m", "d", "a")})
+    held = calibrate([resonating()], model, free, settings=CalibrationSettings(initial_states="estimated"))
+    with open_simulator(held.problem(), workers=0) as simulator:
+        search = GlobalSearch(Objective(held, simulator), aero_bayes.FitSettings(method="local"))
+        columns = tuple(range(len(held.parameters)))
+        there = held.parameters.start.copy()
+        there[:3] = [MASS / 79.0, DAMPING / 79.0, SPRING]
+        alias, near = (
+            search.refit(held.parameters.to_search(at), columns, search.initial_noise())
+            for at in (there, held.parameters.start)
+        )
+        assert alias.log_likelihood > near.log_likelihood + 100.0
+        found = choose_interpolation(search, alias, partial(open_simulator, workers=0), np.random.default_rng(1))
+    assert found is not None
+    calibration, optimum = found
+    assert calibration.data.interpolation == {"u": "linear"}
+    mass, damping, spring = calibration.parameters.from_search(optimum.coordinates)[:3]
+    assert mass == pytest.approx(MASS, rel=0.01)
+    assert damping == pytest.approx(DAMPING, rel=0.05)
+    assert spring == pytest.approx(SPRING, rel=0.01)
