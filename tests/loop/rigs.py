@@ -64,10 +64,6 @@ def first(values: Sequence[float]) -> float:
     return values[0]
 
 
-def second(values: Sequence[float]) -> float:
-    return values[1]
-
-
 def steps(count: int, hold: int, most: float, seed: int) -> np.ndarray:
     return np.repeat(np.random.default_rng(seed).uniform(-most, most, count), hold)
 
@@ -144,30 +140,6 @@ def motor(name: str, seed: int) -> Recording:
     return Recording(name, 0.02 * np.arange(u.size), {"u": u}, {"w": np.abs(speed) + 0.02 * noise(seed, u.size)})
 
 
-ARM = """model Arm "A drive that turns an arm"
-  parameter Real J(unit = "kg.m2", min = 0) = 0.1;
-  parameter Real d(unit = "N.m.s/rad", min = 0) = 0.1;
-  input Real tau(unit = "N.m");
-  output Real phi(unit = "rad", start = 0, fixed = true);
-  Real w(unit = "rad/s", start = 0, fixed = true);
-equation
-  der(phi) = w;
-  J*der(w) = tau - d*w;
-end Arm;
-"""
-
-
-def arm(name: str, seed: int) -> Recording:
-    """An arm of 0.15 kg m2 with a weight of 0.8 N m that hangs 0.3 rad before the angle's zero."""
-    tau = steps(30, 25, 0.6, seed)
-
-    def slope(x, tau):
-        return np.array([x[1], (tau - 0.2 * x[1] - 0.8 * np.sin(x[0] + 0.3)) / 0.15])
-
-    seen = held(slope, np.zeros(2), tau, 0.04, 10)[:, 0] + 0.002 * noise(seed, tau.size)
-    return Recording(name, 0.04 * np.arange(tau.size), {"tau": tau}, {"phi": seen})
-
-
 BODY = """model Body "A body in air"
   parameter Real m(unit = "kg", min = 0) = 0.03;
   parameter Real d(unit = "N.s/m", min = 0) = 0.02;
@@ -205,25 +177,6 @@ def culture(name: str, seed: int) -> Recording:
     feed = np.repeat(rng.choice([0.0, 0.5e-4, 1e-4], 6), 20)
     x = held(lambda x, u: 2e-4 * x + u - 1e-5 * x**2, rng.uniform(0.3, 1.0), feed, 900.0, 20)
     return Recording(name, 900.0 * np.arange(120), {"feed": feed}, {"x": x + rng.normal(0.0, 0.1, 120)})
-
-
-FLUID = """model Fluid "A cart in a fluid"
-  parameter Real m(unit = "kg", min = 0) = 1.5;
-  parameter Real c(unit = "N.s/m", min = 0) = 0.5;
-  input Real F(unit = "N");
-  output Real v(unit = "m/s", start = 0, fixed = true);
-equation
-  m*der(v) = F - c*v;
-end Fluid;
-"""
-
-
-def fluid(name: str, seed: int) -> Recording:
-    """A recording that begins in motion; drag by the square of the speed beside the viscous one."""
-    rng = np.random.default_rng(seed)
-    force = np.repeat(rng.normal(0.0, 3.0, 30), 10)
-    v = held(lambda x, u: u - x - 0.8 * x * abs(x), rng.normal(), force, 0.05, 20)
-    return Recording(name, 0.05 * np.arange(300), {"F": force}, {"v": v + rng.normal(0.0, 0.005, 300)})
 
 
 SPRING = """model Spring "A mass on a spring"
@@ -371,10 +324,6 @@ RIGS = {
         MOTOR, motor, (71, 72), ("T", "k"), ("unsigned", "gain", "offset", "dead_zone", "coulomb_friction"),
         "unsigned@output_w", ((first, 1.0, 0.01),), {"k": (1.4, 0.01), "T": (0.2, 0.02)}, "w", 1.0, 1.1 * 0.02,
     ),
-    "arm": Rig(
-        ARM, arm, (81, 82), ("J", "d"), ("unbalance", "linear_stiffness", "offset", "coulomb_friction", "gain"),
-        "unbalance@w", ((first, 0.8, 0.008), (second, 0.3, 0.01)), {"J": (0.15, 0.01)}, "phi", after=1.1 * 0.002,
-    ),
     "body": Rig(
         BODY, body, (91, 92), ("d",), ("offset", "viscous_friction", "end_stop", "gain", "lag", "delay"), "offset@v",
         ((lambda p: abs(p[0]), 0.2943, 0.006),),
@@ -382,10 +331,6 @@ RIGS = {
     "culture": Rig(
         CULTURE, culture, (41, 42), ("r", "y"), ("square_loss", "overflow", "saturation", "offset"), "square_loss@x",
         ((first, 1e-5, 3e-7),), {"r": (2e-4, 0.03)}, "x", 20.0 * 0.1, 1.3 * 0.1, 3, "estimated",
-    ),
-    "fluid": Rig(
-        FLUID, fluid, (41, 42), ("m", "c"), ("quadratic_drag", "coulomb_friction", "saturation"), "quadratic_drag@v",
-        output="v", after=1.5 * 0.005, most=3,
     ),
     "spring": Rig(
         SPRING, spring, (1, 2), ("m", "c", "k"), ("cubic_stiffness", "end_stop"), "cubic_stiffness@v", (),

@@ -29,7 +29,7 @@ def moved(recorded):
         return replace(r, outputs={o: y + share * np.ptp(y) * rng.normal(size=y.size) for o, y in r.outputs.items()})
     return read
 
-for name in ("tank", "meter", "geared", "motor", "arm"):
+for name in ("tank", "meter", "geared", "motor", "body"):
     with tempfile.TemporaryDirectory() as folder:
         found = replace(RIGS[name], recorded=moved(RIGS[name].recorded), most=2).closed(Path(folder))
     print(json.dumps([name, [[e.id, e.claim, [a.id for a in e.alternatives]] for e in found.effects]]))
