@@ -1,17 +1,20 @@
-"""Fits of formulas: against scipy.optimize, and parameters known by construction."""
+"""Fits of formulas: against scipy.optimize, and parameters known by construction; intervals and profiles."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
-from closed_form import calibration, fitted, parameter
+from closed_form import FormulaSimulator, calibration, fitted, parameter
 from scipy.optimize import least_squares
 
-from aero_bayes.errors import CannotFinishError
+from aero_bayes.errors import CannotFinishError, InputError
 from aero_bayes.estimate import LogUniform, Normal, Uniform
 from aero_bayes.estimate.identifiability import Status
-from aero_bayes.estimate.levenberg_marquardt import FitSettings
+from aero_bayes.estimate.levenberg_marquardt import FitSettings, LocalSettings
+from aero_bayes.estimate.local_fit import LocalFitSettings, local_fit
+from aero_bayes.estimate.objective import Objective
 from aero_bayes.estimate.swarm import SwarmSettings
+from aero_bayes.estimate.target import profile_likelihood
 
 pytestmark = pytest.mark.fast
 
@@ -113,3 +116,113 @@ def test_a_model_that_never_runs_is_said_in_one_line() -> None:
     problem = calibration([(T, T[:, None])], ["y"], [parameter("a", 0.0, -9.0, 9.0, Normal(0.0, 3.0))])
     with pytest.raises(CannotFinishError, match="not a finite number"):
         fitted(lambda t, v: t[:, None] * np.nan, problem, SWARM)
+
+
+def test_a_range_far_wider_leaves_the_intervals_of_least_squares() -> None:
+    """How sure a parameter is does not depend on how wide the range of another is."""
+    rng = np.random.default_rng(17)
+    time = 0.1 * np.arange(400)
+    u = np.repeat(rng.uniform(-1.0, 1.0, 100), 4)
+    y = 1.2 + 0.9 * u + 0.1 * rng.standard_normal(time.size)
+    items = [parameter("a", 1.0, 0.0, 2.0, Uniform(0.0, 2.0)), parameter("b", 0.0, -1e6, 1e6, Uniform(-1e6, 1e6))]
+    problem = calibration([(time, y[:, None])], ["y"], items)
+    objective = Objective(problem, FormulaSimulator(problem.problem(), lambda t, v: (v[0] + 1e3 * v[1] * u)[:, None]))
+    start = problem.parameters.to_search(problem.parameters.start)
+    settings = LocalFitSettings(LocalSettings(tolerance=1e-9)).least_squares(["y"])
+    found = local_fit(objective, start, (0, 1), settings=settings)
+    rows = np.vstack([np.ones(u.size), u])
+    (level, slope), *_ = np.linalg.lstsq(rows.T, y, rcond=None)
+    left = y - np.array([level, slope]) @ rows
+    exact = np.sqrt(np.diag(np.linalg.inv(rows @ rows.T)) * float(left @ left) / y.size)
+    values = problem.parameters.from_search(found.coordinates)
+    scale = problem.parameters.jacobian(values)
+    assert values == pytest.approx([level, 1e-3 * slope], rel=1e-3)
+    assert found.sd(0) * scale[0] == pytest.approx(exact[0], rel=0.02)
+    assert found.sd(1) * scale[1] == pytest.approx(1e-3 * exact[1], rel=0.02)
+
+
+def bent(power: int, slope: float):
+    """Fit ``a + b**power t`` to noise about a line whose slope is so many of its standard deviations off zero."""
+    rng = np.random.default_rng(3)
+    noise = 0.2 * rng.normal(size=T.size)
+    noise -= np.polyval(np.polyfit(T, noise, 1), T)
+    sd = float(np.std(noise)) / np.sqrt(np.sum((T - T.mean()) ** 2))
+    y = (1.0 + slope * sd * T + noise)[:, None]
+
+    def line(t: np.ndarray, v: np.ndarray) -> np.ndarray:
+        return (v[0] + v[1] ** power * t)[:, None]
+
+    start = (slope * sd) ** (1.0 / power)
+    items = [
+        parameter("a", 1.0, -9.0, 9.0, Uniform(-9.0, 9.0)),
+        parameter("b", 1.1 * start, 0.0, 3.0, Uniform(0.0, 3.0)),
+    ]
+    return fitted(line, calibration([(T, y)], ["y"], items))
+
+
+def test_a_linear_model_has_no_failed_interval() -> None:
+    assert bent(1, 5.0).failed_intervals == {}
+
+
+def test_where_the_model_bends_within_the_interval_it_is_told() -> None:
+    found = bent(3, 0.25)
+    assert "b" in found.failed_intervals
+    assert "interval" in found.parameters["b"].note
+    assert found.parameters["b"].status == "weak"  # identified would deny the note
+    assert "interval" in found.summary()
+
+
+def test_a_rate_that_is_too_fast_for_the_sampling_has_a_lower_end_only() -> None:
+    rng = np.random.default_rng(7)
+    y = (2.0 * (1.0 - np.exp(-80.0 * (T + 0.05))) + 0.05 * rng.normal(size=T.size))[:, None]
+
+    def rise(t: np.ndarray, v: np.ndarray) -> np.ndarray:
+        return (v[0] * (1.0 - np.exp(-v[1] * (t + 0.05))))[:, None]
+
+    items = [
+        parameter("a", 1.0, -9.0, 9.0, Uniform(-9.0, 9.0)),
+        parameter("k", 10.0, 0.05, 1e5, LogUniform(0.05, 1e5), scale="log"),
+    ]
+    found = fitted(rise, calibration([(T, y)], ["y"], items)).parameters["k"]
+    assert "one-sided interval, > " in found.note
+    assert 5.0 < float(found.note.split("> ")[1].split(":")[0]) < 90.0
+    assert found.q05 is None
+    assert found.q95 is None
+    assert str(found.status) == "weak"
+
+
+def test_a_bend_that_is_small_over_the_interval_is_not() -> None:
+    assert bent(3, 30.0).failed_intervals == {}
+
+
+def line(t: np.ndarray, v: np.ndarray) -> np.ndarray:
+    return (v[0] + v[1] * t)[:, None]
+
+
+def test_profile_of_a_linear_model_is_the_parabola_of_its_marginal() -> None:
+    y = line(T, np.array([1.0, -0.5])) + 0.2 * np.random.default_rng(21).normal(size=(T.size, 1))
+    items = [parameter("a", 0.0, -9.0, 9.0, Normal(0.0, 5.0)), parameter("b", 0.0, -9.0, 9.0, Normal(0.0, 3.0))]
+    problem = calibration([(T, y)], ["y"], items)
+    found = fitted(line, problem)
+    result = profile_likelihood(found, "a", FormulaSimulator(problem.problem(), line), points=41)
+    sd = found["a"].sd
+    np.testing.assert_allclose(result.drop, 0.5 * ((result.values - found["a"].value) / sd) ** 2, atol=2e-2)
+    low, high = result.interval
+    assert low == pytest.approx(found["a"].value - 1.645 * sd, rel=0.01)
+    assert high == pytest.approx(found["a"].value + 1.645 * sd, rel=0.01)
+    assert result.bounded
+
+
+def test_profile_of_a_product_is_flat_and_says_so() -> None:
+    def product(t: np.ndarray, v: np.ndarray) -> np.ndarray:
+        return (v[0] * v[1] * t)[:, None]
+
+    y = product(T, np.array([2.0, 0.5])) + 0.1 * np.random.default_rng(22).normal(size=(T.size, 1))
+    items = [parameter(n, 1.0, 0.2, 5.0, LogUniform(0.2, 5.0), "log") for n in ("k_t", "D_t")]
+    problem = calibration([(T, y)], ["y"], items)
+    found = fitted(product, problem)
+    result = profile_likelihood(found, "k_t", FormulaSimulator(problem.problem(), product))
+    assert result.interval == (None, None)
+    assert result.drop[5:15].max() < 0.05
+    with pytest.raises(InputError, match="L_a"):
+        profile_likelihood(found, "L_a", FormulaSimulator(problem.problem(), product))

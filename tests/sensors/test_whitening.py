@@ -1,4 +1,4 @@
-"""Whitening against dense algebra, and estimates of noise, final and renewed between steps, against known noise."""
+"""Whitening against dense algebra; estimates of noise, final and renewed between steps, against known noise; counts."""
 
 from __future__ import annotations
 
@@ -9,10 +9,13 @@ from scipy.stats import multivariate_normal
 
 from aero_bayes.estimate.noise import OutputNoise, SampleTimes
 from aero_bayes.estimate.noise_estimation import (
+    describe_sensors,
     estimate_noise,
     innovations,
     log_density,
     reading_log_density,
+    rounding_error,
+    thin_constant_readings,
     update_output_noise,
     whiten,
 )
@@ -84,16 +87,6 @@ def renewed(time, residual, **more):
     return update_output_noise([residual], [SampleTimes.of(time, residual)], longest=10.0, **more)
 
 
-def test_estimate_recovers_the_noise():
-    rng = np.random.default_rng(11)
-    truth = OutputNoise(1.0, 0.7, 0.8)
-    time = np.arange(12000) * 0.01
-    found = renewed(time, draw(rng, time.size, 0.01, truth))
-    assert found.sd_white == pytest.approx(1.0, rel=0.04)
-    assert found.sd_ou == pytest.approx(0.7, rel=0.25)
-    assert 0.4 < found.tau < 1.6
-
-
 @pytest.mark.parametrize("start", [None, OutputNoise(1e-6, 2.0, 0.015)])
 def test_white_noise_has_hardly_any_drift_wherever_the_search_begins(start):
     time = np.arange(6000) * 0.01
@@ -156,13 +149,6 @@ def test_white_noise_is_rarely_taken_for_correlated() -> None:
     assert wrong <= 3
 
 
-def test_lag_one_correlation_of_the_sum() -> None:
-    n = OutputNoise(0.3, 0.4, 2.0)
-    k = covariance(np.array([0.0, 0.1]), n)
-    assert n.rho(0.1) == pytest.approx(k[0, 1] / k[0, 0])
-    assert n.sd == pytest.approx(np.sqrt(k[0, 0]))
-
-
 def test_what_lasts_too_long_for_noise_keeps_its_size() -> None:
     """The limit is a fiftieth of the recording, here 0.6 s, for what is larger than the white noise."""
     time = np.arange(3000) * 0.01
@@ -180,3 +166,33 @@ def test_what_lasts_too_long_for_noise_keeps_its_size() -> None:
         assert found.kind == "white"
         assert found.sd == pytest.approx(np.sqrt(np.mean(residual**2)), rel=1e-12)
         assert found.estimated == (False, False, False)
+
+
+def test_rounding_of_a_slow_signal_lasts():
+    time = np.arange(0.0, 20.0, 0.01)
+    fast = rounding_error(time, 400.0 * np.sin(time) + 3.0 * time**1.5, 1.0)
+    assert fast.sd == pytest.approx(1.0 / np.sqrt(12.0), rel=0.05)
+    slow = rounding_error(time, 3.0 * np.sin(0.4 * time), 1.0)
+    assert slow.kind == "ou"
+    assert slow.rho(0.01) > 0.7
+
+
+@pytest.mark.parametrize("size", [0.1, 1.5])
+def test_what_rounding_adds_is_told(size):
+    time = np.arange(0.0, 40.0, 0.01)
+    signal = 30.0 * np.sin(0.7 * time)
+    readings = np.round(signal + size * np.random.default_rng(9).standard_normal(time.size))
+    found = describe_sensors(["y"], [(time, readings[:, None], signal[:, None])])["y"].encoder
+    assert found.step == pytest.approx(1.0)
+    assert found.share == pytest.approx(1 / 12 / (1 / 12 + size**2), rel=0.1)
+
+
+def test_standstill_keeps_three_of_a_long_stretch():
+    time = np.arange(1000) * 0.01
+    values = np.concatenate([np.arange(300.0), np.full(400, 7.0), np.arange(300.0)])
+    values[500] = np.nan
+    use = thin_constant_readings(time, values)
+    assert use[:300].all()
+    assert use[700:].all()
+    assert use[300:700].sum() == 3
+    assert not use[500]
