@@ -1,4 +1,4 @@
-"""The error of the integration: measured after a fit, blamed where what is left does not hide it; rounded corners."""
+"""What is told of the solver: its error, blamed where what is left does not hide it, rounded corners, failed runs."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from scipy.integrate import solve_ivp
 import aero_bayes
 from aero_bayes.data import Recording
 from aero_bayes.estimate.calibration import Calibration
+from aero_bayes.estimate.diagnosis import domain_texts
 from aero_bayes.estimate.initial_states import CalibrationSettings
 from aero_bayes.estimate.simulation_error import exact_enough
 from aero_bayes.simulation.engines import open_simulator
@@ -152,3 +153,36 @@ def test_the_truth_lies_in_intervals_that_know_of_the_rounding(declared: str, tm
     assert lag.q95 - lag.q05 < 8.0 * off
     assert (fit.rounding_shift.get("T", 0.0) > 1.0) == (name != "T_c")
     assert ("rounding" in lag.note) == (name != "T_c")
+
+
+TANK = """
+model Tank
+  parameter Real A(min = 0.1, max = 10) = 0.3;
+  parameter Real k(min = 0.01, max = 1) = 0.1;
+  input Real q;
+  output Real h(start = 1, fixed = true);
+  Real guarded;
+  Real constant_root;
+equation
+  A * der(h) = q - k * sqrt(2 * h);
+  guarded = log(max(h, 1e-3)) + h ^ 2;
+  constant_root = sqrt(A);
+end Tank;
+"""
+
+
+def test_the_expression_that_ends_runs_is_named_with_its_time(tmp_path: Path, rng: np.random.Generator) -> None:
+    (tmp_path / "Tank.mo").write_text(TANK)
+    model = aero_bayes.load_model(tmp_path / "Tank.mo")
+    (text,) = domain_texts(model)
+    assert "sqrt of h" in text
+    assert "Tank.mo:10" in text
+    time = np.arange(0.0, 60.0, 0.5)
+    # h of A = 1, k = 0.1 runs empty at 2 A sqrt(h0 / 2) / k = 14.1 s, of A = 0.3 at 4.2 s
+    h = np.square(np.maximum(1.0 - 0.1 * time / np.sqrt(2.0), 0.0)) + 1e-3 * rng.standard_normal(time.size)
+    recording = Recording("run", time, {"q": np.zeros(time.size)}, {"h": h}, {})
+    fit = aero_bayes.fit(recording, model, parameters=["A", "k"], settings=aero_bayes.FitSettings(), workers=0)
+    row = fit.diagnosis["solver"]
+    assert row.found
+    assert "sqrt of h" in row.what
+    assert "run at 4" in row.where

@@ -31,7 +31,7 @@ HARE = (30, 47.2, 70.2, 77.4, 36.3, 20.6, 18.1, 21.4, 22, 25.4, 27.1, 40.3, 57, 
 HARE = (*HARE, 24.7)
 LYNX = (4, 6.1, 9.8, 35.2, 59.4, 41.7, 19, 13, 8.3, 9.1, 7.4, 8, 12.3, 19.5, 45.7, 51.1, 29.7, 15.8, 9.7, 10.1, 8.6)
 YEARS = np.arange(21.0)
-NAMES = ("alpha", "beta", "gamma", "delta", "hare_0", "lynx_0", "sigma_hare", "sigma_lynx")
+#: Means of alpha, beta, gamma, delta, both populations at the start and both sigmas, and their errors.
 PUBLISHED = (0.5468645, 0.02774729, 0.8000954, 0.02408592, 34.03522, 5.935897, 0.2480569, 0.2510169)
 PUBLISHED_ERROR = (6.2627e-4, 4.1160e-5, 8.8460e-4, 3.5005e-5, 0.029308, 5.3387e-3, 4.3934e-4, 4.3953e-4)
 LEVELS = np.array([0.05, 0.25, 0.5, 0.75, 0.95])
