@@ -6,7 +6,6 @@ import heated_room
 import numpy as np
 import pytest
 
-import aero_bayes
 from aero_bayes.data import Recording, screen
 from aero_bayes.data.held import held_period
 
@@ -46,15 +45,6 @@ def test_equal_messages_count_each() -> None:
     found = held_period(values, {})
     assert found is not None
     assert np.flatnonzero(found[1]).tolist() == list(range(0, values.size, 10))
-
-
-def test_the_fit_is_right_with_a_held_sensor(room: aero_bayes.Model) -> None:
-    whole = heated_room.recording(rows=1500, interval=30.0)
-    given = heated_room.with_readings(whole, lambda v: repeated(v, messages(whole.rows, 20.0, 0.0)))
-    fit = heated_room.fit(given, room)
-    assert fit["C"].value == pytest.approx(heated_room.C, rel=0.02)
-    assert fit["G"].value == pytest.approx(heated_room.G, rel=0.02)
-    assert not fit.diagnosis["model"].found
 
 
 TIME = np.arange(1500)

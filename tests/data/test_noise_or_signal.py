@@ -105,27 +105,6 @@ def test_a_floor_is_known_or_said_to_be_unknown(name: str, seed: int) -> None:
         assert (found.white, found.slow) == (0.0, 0.0)
 
 
-def test_a_level_that_moves_is_no_slow_noise_of_its_sensor() -> None:
-    rng = np.random.default_rng(3)
-    inflow = np.repeat(rng.uniform(-1.0, 1.0, SAMPLES // 4), 4)
-    level = lag(inflow, 48.0)
-    steady = noise_floor(1e-3 * rng.standard_normal(SAMPLES), 0.01 * COUNT)
-    moving = noise_floor(level + 1e-3 * rng.standard_normal(SAMPLES), 0.01 * COUNT, [inflow])
-    unseen = noise_floor(level + 1e-3 * rng.standard_normal(SAMPLES), 0.01 * COUNT)
-    assert steady.sd == pytest.approx(1e-3, rel=0.05)
-    for found in (moving, unseen):
-        assert found.slow == 0.0
-        assert found.sd is None or found.sd < 2e-3
-
-
-def test_slow_quantised_readings_have_the_quantum_fast_ones_are_unknown() -> None:
-    u = levels(np.random.default_rng(4), 1)
-    fast = noise_floor(np.round(lag(u, 5.0) / 0.01) * 0.01, 0.01 * COUNT, [u])
-    assert fast.sd is None
-    slow = np.sin(2.0 * np.pi * COUNT / 2000.0)
-    assert noise_floor(np.round(slow / 0.05) * 0.05, 0.01 * COUNT).sd == pytest.approx(0.05 / 12.0**0.5, rel=0.1)
-
-
 def test_an_unknown_floor_has_no_entry_and_is_said() -> None:
     rng = np.random.default_rng(5)
     heated, inputs = room(rng, 1200.0)

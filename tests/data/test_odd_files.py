@@ -9,7 +9,7 @@ import pytest
 
 from aero_bayes.config import ColumnSection
 from aero_bayes.data.columns import ColumnMap, Layout
-from aero_bayes.data.read import read_recording, read_recordings
+from aero_bayes.data.read import read_recording
 from aero_bayes.data.recording import Recording
 from aero_bayes.declared import ColumnSpec
 from aero_bayes.errors import InputError
@@ -53,12 +53,6 @@ def test_a_fault_in_a_file_with_the_newest_row_first_is_told_with_its_own_row(tm
     rows[10] = rows[10].rpartition(",")[0] + ",x"
     with pytest.raises(InputError, match="row 51, column T"):
         read_recording(written(tmp_path / "r.csv", rows[::-1]), layout=LAYOUT)
-
-
-def test_runs_of_too_few_rows_are_refused(tmp_path: Path) -> None:
-    rows = [f"{t},0,288,300" for _ in range(9) for t in (0, 60)]
-    with pytest.raises(InputError, match=r"r\.csv"):
-        read_recordings([written(tmp_path / "r.csv", rows)], layout=LAYOUT)
 
 
 def test_zeros_before_the_first_message_are_no_readings(tmp_path: Path) -> None:

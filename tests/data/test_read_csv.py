@@ -102,22 +102,16 @@ def test_a_line_of_units_is_part_of_the_names(tmp_path: Path) -> None:
         ("time,V_m\n0,1\n1,1\n2,1\n3,1\n", ["no output column", "theta"]),
         (with_cell(9, 2, "abc"), ["row 9", "column i_m", "'abc' is not a number"]),
         (with_cell(9, 1, "1_000"), ["row 9", "column V_m", "not a number"]),
-        (with_cell(9, 4, "0x10"), ["row 9", "column theta", "not a number"]),
-        (with_cell(9, 1, "nan"), ["row 9", "column V_m", "missing"]),
         (re.sub(r"(?m)^(0\.1\d),10", r"\1,", GOOD), ["row 12", "column V_m", "10 in a row"]),
         (re.sub(r"(?m),[\d.]+$", ",", GOOD), ["column theta", "0 readings in 20 rows"]),
         (with_cell(9, 4, "-Inf"), ["row 9", "column theta", "infinite"]),
         (with_cell(9, 1, ""), ["row 9", "column V_m", "missing"]),
-        (with_cell(9, 0, ""), ["row 9", "column time", "missing"]),
         (with_cell(9, 0, "0.03"), ["row 9", "column time", "runs backwards", "0.03 after 0.06"]),
         (with_cell(9, 0, "0.06"), ["row 9", "column time", "repeats"]),
         (GOOD.replace("0.05,0,", "\n\n0.05,x,"), ["row 9", "column V_m"]),
-        (GOOD.replace("0.10,10,0.5,100.0,0.1\n", "0.10,10,0.5,100.0\n"), ["row 12", "4 cells, expected 5"]),
         (GOOD.replace("0.10,10,0.5,100.0,0.1\n", "0.10,10,0,5,100.0,0.1\n"), ["row 12", "6 cells, expected 5"]),
         ("# rig 3\ntime,V_m,theta\n0,1,0\n1,x,0\n", ["row 4", "column V_m", "'x' is not a number"]),
         ("time,V_m,theta\n2026-13-01 10:00,1,0\n", ["row 2", "column time", "is no date"]),
-        ("time,V_m,theta\n10:00 on Monday,1,0\n", ["row 2", "column time", "is not a number", "2026-03-01T10:00"]),
-        ("time,V_m,theta\n0,00;1,50;0,1\n", ["row 2", "holds numbers", "expected a header"]),
         (GOOD.split("\n", 1)[1], ["row 1", "expected a header"]),
         (b"time,V_m,theta\n\x00\x01", ["not plain text"]),
         (GOOD.replace("time", "z\xe9it").encode("latin-1"), ["row 1", "no column time", "z\xe9it"]),
@@ -125,7 +119,6 @@ def test_a_line_of_units_is_part_of_the_names(tmp_path: Path) -> None:
         ("Dear all,\nthe test went well.\nBest, Jo\n", ["holds no table"]),
         ("time,V_m\n0,1,2\n1,1,2\n2,1,2\n", ["row 2: holds numbers, expected names above its 3 columns"]),
         ("time,V_m,i_m\n0,1,2\n1,off,off\n2,1,2\n3,1,2\n4,1,2\n", ["row 3, column V_m: 'off' is not a number"]),
-        ("time,V_m,i_m\n0,1\n1,1,2\n2,1,2\n3,1,2\n", ["row 2: 2 cells, expected 3"]),
     ],
 )
 def test_complaints(tmp_path: Path, text: str | bytes, parts: list[str]) -> None:
@@ -136,13 +129,9 @@ def test_units_wrong_by_a_thousand(tmp_path: Path) -> None:
     table = np.array([[float(cell) for cell in line.split(",")] for line in GOOD.splitlines()[1:]])
     cases = [
         (0, 1e3, ["column time", "ms"]),
-        (0, 1e-6, ["column time", "seconds are expected"]),
         (1, 1e3, ["column V_m", "expected V", "mV"]),
-        (1, 1e-3, ["column V_m", "expected V"]),
         (2, 1e3, ["column i_m", "expected A", "mA"]),
-        (2, 1e-4, ["column i_m", "A"]),
         (3, 1e3, ["column omega_m", "rad/s"]),
-        (3, 1e-3, ["column omega_m", "rad/s"]),
         (4, 1e3, ["column theta", "expected rad", "degrees"]),
     ]
     for column, factor, parts in cases:
