@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import base64
 import fcntl
 import json
 import os
@@ -92,14 +91,6 @@ class Browser:
         else:
             raise TimeoutError(f"{page} did not load")
         self.evaluate("document.body.offsetHeight")
-
-    def screenshot(
-        self, target: Path, *, whole: bool = True, clip: tuple[float, float, float, float] | None = None
-    ) -> None:
-        options: dict[str, Any] = {"captureBeyondViewport": whole}
-        if clip:
-            options["clip"] = dict(zip(("x", "y", "width", "height", "scale"), (*clip, 1), strict=True))
-        target.write_bytes(base64.b64decode(self.tab("Page.captureScreenshot", format="png", **options)["data"]))
 
     def complaints(self) -> list[str]:
         """Console errors and warnings, uncaught exceptions, and refused loads."""

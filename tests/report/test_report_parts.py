@@ -6,6 +6,7 @@ import base64
 import json
 import re
 import zlib
+from collections.abc import Callable
 from dataclasses import replace
 from html import unescape
 from xml.etree import ElementTree
@@ -15,11 +16,10 @@ import pytest
 from pydantic import TypeAdapter
 
 from aero_bayes.estimate.diagnosis import DiagnosisRow
-from aero_bayes.estimate.noise import autocorrelation
 from aero_bayes.estimate.residual_tests import RecordingError
 from aero_bayes.loop.extend import FoundEffect
 from aero_bayes.report import words
-from aero_bayes.report.drawing import Line, Panel, band_envelope, column_means, data_table, draw, envelope, nice_ticks
+from aero_bayes.report.drawing import Line, Panel, band_envelope, data_table, draw, envelope, nice_ticks
 from aero_bayes.report.findings import _beside_noise, _changed, checks_table
 from aero_bayes.report.page import BITS, pack_series
 from aero_bayes.report.pairs import most_correlated
@@ -58,12 +58,6 @@ def test_envelope_keeps_gaps_and_leaves_short_series_alone() -> None:
     np.testing.assert_array_equal(envelope(time[:90], values[:90], 50)[1], values[:90])
 
 
-def test_envelope_follows_a_fall_from_high_to_low() -> None:
-    time = np.linspace(0, 1, 1001)
-    assert np.all(np.diff(envelope(time, -time, 50)[1]) <= 0)
-    assert np.all(np.diff(envelope(time, time, 50)[1]) >= 0)
-
-
 def test_thinned_band_contains_the_band() -> None:
     rng = np.random.default_rng(4)
     time = np.linspace(0, 10, 4000)
@@ -72,35 +66,6 @@ def test_thinned_band_contains_the_band() -> None:
     column = np.minimum((time / 10 * 80).astype(int), 79)
     assert np.all(thin_low[column] <= low)
     assert np.all(thin_high[column] >= high)
-
-
-def test_column_means_average_what_is_there() -> None:
-    time = np.linspace(0, 1, 1000)
-    values = np.where(np.arange(1000) % 2, 3.0, 1.0)
-    values[np.arange(1000) % 4 == 1] = np.nan
-    values[500:750] = np.nan
-    _, means = column_means(time, values, 4)
-    np.testing.assert_allclose(means[[0, 1, 3]], 5 / 3, rtol=0.01)
-    assert np.isnan(means[2])
-
-
-def test_autocorrelation_is_the_plain_sum() -> None:
-    rng = np.random.default_rng(5)
-    values = np.convolve(rng.standard_normal(300), [1, 0.7, 0.3], mode="same")
-    centred = values - values.mean()
-    plain = np.array([np.sum(centred[: len(centred) - lag] * centred[lag:]) for lag in range(300)])
-    np.testing.assert_allclose(autocorrelation(values), plain / plain[0], atol=1e-12)
-
-
-def test_autocorrelation_of_a_first_order_process_decays_as_it_should() -> None:
-    rng = np.random.default_rng(6)
-    values = np.zeros(200_000)
-    for index, noise in enumerate(rng.standard_normal(200_000)):
-        values[index] = 0.8 * values[index - 1] + noise
-    values[rng.random(200_000) < 0.1] = np.nan
-    found = autocorrelation(values)
-    # gaps take a tenth of every lag's partners but not of lag 0
-    np.testing.assert_allclose(found[1:8] / found[1], 0.8 ** np.arange(7), atol=0.03)
 
 
 @pytest.mark.parametrize(
@@ -158,35 +123,29 @@ def test_a_ratio_to_a_noise_that_is_not_known_is_not_one() -> None:
     assert _beside_noise(replace(error, role="test", ratio=2.0)) == "2.00"
 
 
-@pytest.mark.parametrize(
-    ("given", "shown"),
-    [(0, "0"), (1234.5, "1230"), (0.00123456, "0.00123"), (9.999e-5, "1.00×10⁻⁴"), (-2.5e7, "−2.50×10⁷"),
-     (99.97, "100"), (None, "–"), (float("inf"), "–")],
-)  # fmt: skip
-def test_significant_digits(given: float | None, shown: str) -> None:
-    assert significant(given) == shown
+#: Numbers, times, units and changes as the page writes them.
+WRITTEN = [
+    *((significant, (x,), shown) for x, shown in (
+        (0, "0"), (1234.5, "1230"), (0.00123456, "0.00123"), (9.999e-5, "1.00×10⁻⁴"), (-2.5e7, "−2.50×10⁷"),
+        (99.97, "100"), (None, "–"), (float("inf"), "–"),
+    )),
+    *((tidy, (x,), shown) for x, shown in (
+        (3.1, "3.1"), (1000.0, "1000"), (251307, "251\u202f307"), (0.0110, "0.011"), (1e-12, "1×10⁻¹²"),
+    )),
+    *((duration, (x,), shown) for x, shown in (
+        (0.021, "21 ms"), (9.4, "9.40 s"), (148, "2 min 28 s"), (7325, "2 h 02 min"),
+    )),
+    *((pretty_unit, (x,), shown) for x, shown in (
+        ("kg.m2", "kg·m²"), ("kg m^2", "kg·m²"), ("N.m.s/rad", "N·m·s/rad"), ("N*s^2", "N·s²"), ("ohm", "Ω"),
+        ("Ohm", "Ω"), ("m.s-1", "m·s⁻¹"), ("rad/s", "rad/s"), ("1", ""), (None, ""), ("%", "%"),
+    )),
+    (signed, (0.04, 1), "0.0"), (signed, (-0.04, 1), "0.0"), (signed, (-0.06, 1), "−0.1"), (signed, (92.6, 0), "+93"),
+]  # fmt: skip
 
 
-def test_tidy_numbers_and_times() -> None:
-    shown = [tidy(x) for x in (3.1, 1000.0, 251307, 0.0110, 1e-12)]
-    assert shown == ["3.1", "1000", "251\u202f307", "0.011", "1×10⁻¹²"]
-    assert [duration(x) for x in (0.021, 9.4, 148, 7325)] == ["21 ms", "9.40 s", "2 min 28 s", "2 h 02 min"]
-
-
-@pytest.mark.parametrize(
-    ("given", "shown"),
-    [("kg.m2", "kg·m²"), ("kg m^2", "kg·m²"), ("N.m.s/rad", "N·m·s/rad"), ("N*s^2", "N·s²"), ("ohm", "Ω"), ("Ohm", "Ω"),
-     ("m.s-1", "m·s⁻¹"), ("rad/s", "rad/s"), ("1", ""), (None, ""), ("%", "%")],
-)  # fmt: skip
-def test_units_are_set_as_a_person_writes_them(given: str | None, shown: str) -> None:
-    assert pretty_unit(given) == shown
-
-
-@pytest.mark.parametrize(
-    ("given", "shown"), [((0.04, 1), "0.0"), ((-0.04, 1), "0.0"), ((-0.06, 1), "−0.1"), ((92.6, 0), "+93")]
-)
-def test_a_change_carries_its_sign_unless_it_is_none(given: tuple, shown: str) -> None:
-    assert signed(*given) == shown
+@pytest.mark.parametrize(("written", "given", "shown"), WRITTEN)
+def test_numbers_are_written_as_a_person_does(written: Callable[..., str], given: tuple, shown: str) -> None:
+    assert written(*given) == shown
 
 
 def test_symbols_and_code() -> None:
