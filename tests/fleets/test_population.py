@@ -26,18 +26,6 @@ def test_rigs_that_are_known_exactly_give_the_textbooks_answer() -> None:
     assert max(sd) < 2e-6
 
 
-def test_rigs_that_do_not_differ_are_pulled_together() -> None:
-    rng = np.random.default_rng(4)
-    widths = np.full(40, 1.0)
-    found = fit_population(rng.normal(0.0, 1.0, 40), widths)
-    low, _, high = found.spread_quantiles(LEVELS)
-    assert low < 0.1
-    assert high < 0.9
-    mean, sd = found.given_all(3.0, 1.0)
-    assert abs(mean) < 1.5
-    assert sd < 0.8
-
-
 def test_leaving_a_rig_out_is_the_same_as_not_having_it() -> None:
     rng = np.random.default_rng(5)
     widths = np.exp(rng.uniform(-2.0, 0.0, 9))

@@ -5,24 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from study import coverage, coverage_wrong
-from study.coverage import held, levels, repeated_rigs
-from study.coverage_wrong import STATES, of_rigs
+from study import coverage
+from study.coverage import held, repeated_rigs
+from study.coverage_wrong import of_rigs
 
 pytestmark = pytest.mark.long
 
 RIGS = repeated_rigs()
-
-
-@pytest.mark.parametrize("name", sorted(RIGS))
-def test_a_repetition_has_new_levels_and_the_same_ones_for_the_same_seed(name: str):
-    rig = RIGS[name]
-    truth = rig.draw(np.random.default_rng(1))
-    first, again, other = (rig.record(truth, np.random.default_rng(seed), "r") for seed in (1, 1, 2))
-    column, output = next(iter(first.inputs)), next(iter(first.outputs))
-    assert np.array_equal(first.inputs[column], again.inputs[column])
-    assert np.array_equal(first.outputs[output], again.outputs[output])
-    assert not np.array_equal(first.inputs[column], other.inputs[column])
 
 
 @pytest.mark.parametrize("name", sorted(RIGS))
@@ -38,16 +27,6 @@ def test_what_is_missing_is_about_three_times_as_large_at_the_larger_size(name: 
         one, three = (float(np.std(of[output] - values)) for of in (small, large))
         if one > 1e-3 * np.std(values):
             assert 1.5 * one < three < 6.0 * one
-
-
-def test_levels_begin_at_zero_and_hold_for_as_long_as_they_should():
-    time = np.linspace(-5.0, 500.0, 200_001)
-    values = levels(np.random.default_rng(5), time)
-    assert not values[time < 0.5].any()
-    assert np.abs(values).max() <= 1.0
-    edges = time[1:][np.diff(values) != 0.0]
-    assert 0.19 < np.diff(edges).min() < 0.25
-    assert 1.15 < np.diff(edges).max() < 1.21
 
 
 def test_shares_of_uniform_ranks():
@@ -93,10 +72,3 @@ def test_coverage_and_width_of_gaussian_errors():
     assert ours["width_90"] == pytest.approx(1.0, abs=0.05)
     assert half["90"] == pytest.approx(0.589, abs=0.032)  # of a Gaussian within 0.8224 standard deviations
     assert half["width_90"] == pytest.approx(0.5 * ours["width_90"])
-
-
-def test_the_summary_of_wrong_models_has_all_states():
-    found = coverage_wrong.summary([row(k, 3.0, state) for k in range(4) for state in STATES])
-    assert set(found["states"]) == {"right", "missing", "mended", "unlisted", "process_noise"}
-    assert {"50", "90", "width_90"} <= set(found["states"]["right"]["ours"])
-    assert len(coverage_wrong.table(found)[1]) == len(STATES)

@@ -126,12 +126,9 @@ def test_there_are_forty_tasks_and_a_complete_model_of_every_rig() -> None:
     assert len(TERMS) >= 40
 
 
-def term_row(key: str, named: list[str], after: float = 2.0) -> dict[str, object]:
-    return {
-        "key": key, "seconds": 3.0, "equivalent": [["coulomb_friction@w", "offset@w"]],
-        "effects": [{"id": name, "port": name.partition("@")[2], "kind": "catalogue"} for name in named],
-        "before": {"train": {"w": 1.0}, "test": {"w": after}},
-    }  # fmt: skip
+def term_row(key: str, named: list[str], after: float = 2.0) -> Row:
+    same = (("coulomb_friction@w", "offset@w"),)
+    return row(*named, equivalent=same, key=key) | {"before": {"train": {"w": 1.0}, "test": {"w": after}}}
 
 
 def test_the_summary_counts_what_is_right_by_class_and_what_a_term_matters() -> None:

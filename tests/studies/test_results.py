@@ -7,14 +7,19 @@ from pathlib import Path
 
 from results import MARKS, page, readme
 from study import real
+from study.study import Row
+
+
+def row(key: str, **after: dict[str, float]) -> Row:
+    """A rig of which no effect was found."""
+    return {"key": key, "effects": [], "equivalent": [], "before": {"test": {"angle": 0.2}}, "after": after}
 
 
 def test_studies_that_were_not_run_are_said_to_be(tmp_path: Path) -> None:
     text = page(tmp_path)
     assert text.count("not run") == 7
     assert len(text.splitlines()) <= 80
-    row = {"key": "servo", "effects": [], "equivalent": [], "before": {"test": {"angle": 0.2}}, "after": {}}
-    summary = {**real.case_summary([row]), "left": 3, "code": ["abc"]}
+    summary = {**real.case_summary([row("servo")]), "left": 3, "code": ["abc"]}
     (tmp_path / "real_rigs.json").write_text(json.dumps(summary), encoding="utf-8")
     (tmp_path / "bench.json").write_text(json.dumps({"engine_over_fmpy_me": 600.0}), encoding="utf-8")
     text = page(tmp_path)
@@ -26,14 +31,7 @@ def test_studies_that_were_not_run_are_said_to_be(tmp_path: Path) -> None:
 def test_the_readme_keeps_its_table_until_there_is_a_new_one() -> None:
     text = f"above\n{MARKS[0]}old\n{MARKS[1]}below\n"
     assert readme(text, None) == text
-    row = {
-        "key": "battery",
-        "effects": [],
-        "equivalent": [],
-        "before": {"test": {"angle": 0.2}},
-        "after": {"test": {"angle": 0.1}},
-    }
-    new = readme(text, real.case_summary([row]))
+    new = readme(text, real.case_summary([row("battery", test={"angle": 0.1})]))
     assert new.startswith(f"above\n{MARKS[0]}| rig ")
     assert "| battery | nothing | 0.2 → 0.1 |" in new
     assert new.endswith(f"{MARKS[1]}below\n")

@@ -13,7 +13,6 @@ import pytest
 from aero_bayes.data import ColumnSpec, Layout, read_recording
 from simulated_rigs.trial import draw_rig_trial
 from simulated_rigs.truth import LawPlace, LawTruth
-from study.answers import answer_of
 from study.rig_trial import STUDY, attempt, joined_connectors, right_effect, right_pair, same_places, summary, table
 from study.study import Row, keyed, run
 
@@ -109,19 +108,3 @@ def test_places_go_by_all_their_names() -> None:
     names = same_places(cart, LawTruth("coulomb_friction", LawPlace("balance", "mass.v"), {}))
     assert names[0] == "coulomb_friction@mass.v"
     assert {"coulomb_friction@mass.flange", "coulomb_friction@drive.flange"} <= set(names)
-
-
-def test_result_json_is_read_by_its_contract() -> None:
-    result = {
-        "loop": {
-            "outcome": "extended",
-            "effects": [{"id": "lag@u", "port": "u", "kind": "catalogue", "share": 0.5, "parameters": {}}],
-            "equivalent": [["lag@u", "delay@u"]],
-            "after": {"train": {"y": 0.2}, "test": {"y": 0.1}},
-        }
-    }
-    found = answer_of(result)
-    assert found["effects"][0]["id"] == "lag@u"
-    assert found["effects"][0]["claim"] is None
-    assert found["equivalent"] == [["lag@u", "delay@u"]]
-    assert found["after"]["test"] == {"y": 0.1}
