@@ -125,27 +125,21 @@ def test_the_band_is_drawn_about_the_curve(posterior: aero_bayes.Posterior):
 
 
 @pytest.mark.slow
-def test_the_loops_figures_show_both_models_and_the_choice(loop: aero_bayes.LoopResult, cart: SimpleNamespace):
-    picture = loop.plot()
-    measured, before, after = curves(picture, 0)
-    factor = 1e3 if picture.panels[0].title.endswith("(mm)") else 1.0
-    assert measured == pytest.approx(factor * cart.test.outputs["position"])
-    assert before == pytest.approx(factor * loop.predicted_before.fitted["test", "position"])
-    assert after == pytest.approx(factor * loop.predicted_after.fitted["test", "position"])
+def test_the_figures_of_a_loop_and_of_its_files_show_both_models_and_the_choice(
+    loop: aero_bayes.LoopResult, run: aero_bayes.RunDirectory, cart: SimpleNamespace
+):
+    predicted = [found.fitted["test", "position"] for found in (loop.predicted_before, loop.predicted_after)]
+    written = [run.series[f"{group}/test/position"] for group in ("measured", "before", "fitted")]
+    for picture, shown in ((loop.plot(), [cart.test.outputs["position"], *predicted]), (run.plot(), written)):
+        factor = 1e3 if picture.panels[0].title.endswith("(mm)") else 1.0
+        for mine, values in zip(curves(picture, 0), shown, strict=True):
+            assert mine == pytest.approx(factor * values)
+    with pytest.raises(aero_bayes.InputError, match=facts("nowhere", "train", "test")):
+        run.plot("nowhere")
     rounds = words(loop.plot_rounds())
     best = max(100.0 * (1.0 - rival.share) for rival in loop.steps[0].candidates)
     for part in (f"{best:.0f} ±", "coulomb_friction@v chosen", loop.words["coulomb_friction@v"]):
         assert part in rounds
-
-
-@pytest.mark.slow
-def test_a_run_is_drawn_from_its_files(run: aero_bayes.RunDirectory):
-    factor = 1e3 if run.plot().panels[0].title.endswith("(mm)") else 1.0
-    drawn = curves(run.plot(), 0)
-    for mine, group in zip(drawn, ("measured", "before", "fitted"), strict=True):
-        assert mine == pytest.approx(factor * run.series[f"{group}/test/position"])
-    with pytest.raises(aero_bayes.InputError, match=facts("nowhere", "train", "test")):
-        run.plot("nowhere")
 
 
 @pytest.mark.slow

@@ -90,18 +90,15 @@ def test_nine_tenths_of_unseen_readings_lie_in_the_band(cart: SimpleNamespace):
     assert found.rms["position"] == pytest.approx(1e-3, rel=0.1)
 
 
-def test_a_fitted_recording_is_predicted_as_it_was_sampled(cart: SimpleNamespace, posterior: aero_bayes.Posterior):
+def test_a_posterior_predicts_as_it_was_sampled_and_a_fit_as_its_posterior(
+    cart: SimpleNamespace, posterior: aero_bayes.Posterior
+):
     again, kept = posterior.predict(cart.recording).predictive, posterior.predictive[0]
-    spread = (kept.upper - kept.lower).mean()
-    assert np.abs(again.median - kept.median).max() < 0.05 * spread
-    assert again.upper - again.lower == pytest.approx(kept.upper - kept.lower, rel=0.1)
-
-
-def test_a_fit_predicts_as_its_posterior_does(cart: SimpleNamespace, posterior: aero_bayes.Posterior):
     one, other = (source.predict(cart.test).predictive for source in (cart.fit, posterior))
-    spread = (other.upper - other.lower).mean()
-    assert np.abs(one.median - other.median).max() < 0.1 * spread
-    assert one.upper - one.lower == pytest.approx(other.upper - other.lower, rel=0.15)
+    for mine, known, far, wide in ((again, kept, 0.05, 0.1), (one, other, 0.1, 0.15)):
+        spread = known.upper - known.lower
+        assert np.abs(mine.median - known.median).max() < far * spread.mean()
+        assert mine.upper - mine.lower == pytest.approx(spread, rel=wide)
 
 
 def test_the_band_of_a_wrong_model_is_as_wide_as_its_residual(cart: SimpleNamespace):
@@ -111,13 +108,3 @@ def test_the_band_of_a_wrong_model_is_as_wide_as_its_residual(cart: SimpleNamesp
     assert found.coverage["position"] >= 0.88  # the draws' variance stands for the exact one
     assert half.mean() >= 0.95 * left
     assert cart.fit.predictor.band_factors[0] >= 1.6448
-
-
-def test_tables_are_data_frames(cart: SimpleNamespace, loop: aero_bayes.LoopResult, run: aero_bayes.RunDirectory):
-    frame = cart.recording.to_frame()
-    assert np.array_equal(frame["position"], cart.recording.outputs["position"])
-    assert frame.index.name == "time"
-    assert cart.fit.to_frame().loc["k", "value"] == cart.fit["k"].value
-    assert run.to_frame().loc["k", "q95"] == run.result.parameters["k"].q95
-    assert loop.to_frame()["chosen"].sum() == len(loop.effects)
-    assert set(cart.model.to_frame()["kind"]) == {"parameter", "input", "output", "state"}
