@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import tomllib
 from argparse import Namespace
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +11,7 @@ import pytest
 
 import aero_bayes
 from simulated_rigs.trial import draw_rig_trial
-from study.fault_trial import FAULTS, Faulty, Rig, attempt, draw, shortened, summary, tasks, with_fault
+from study.fault_trial import FAULTS, Rig, attempt, draw, shortened, summary, tasks, with_fault
 
 pytestmark = pytest.mark.long
 
@@ -76,27 +75,6 @@ def test_a_fault_that_makes_no_sense_is_not_given() -> None:
     # Temperatures in K are no angles, and all of about the same size.
     assert with_fault(heat, "wrapped", rng) is None
     assert with_fault(heat, "relative", rng) is None
-
-
-def test_a_coarse_solver_is_named_and_a_fine_one_is_not(pendulum: Rig) -> None:
-    coarse = pendulum.fit(Faulty(pendulum.trial.train, tolerance=0.05)).diagnosis
-    fine = pendulum.fit(Faulty(pendulum.trial.train)).diagnosis
-    assert coarse.first is not None
-    assert coarse.first.cause == "solver"
-    assert coarse.first.explains
-    assert "angle" in coarse.first.where
-    assert not fine["solver"].found
-    assert not fine["model"].found
-
-
-def test_coarse_counts_are_named(pendulum: Rig) -> None:
-    trial = pendulum.trial
-    clean, sd = trial.noise_free["train"].outputs["angle"], trial.noise["angle"].white
-    noisy = clean + sd * np.random.default_rng(2).standard_normal(clean.size)
-    for step, named in ((8.0 * sd, True), (0.5 * sd, False)):
-        recording = replace(trial.train, outputs={"angle": step * np.round(noisy / step)}, sha256="")
-        noise = pendulum.fit(Faulty(recording)).diagnosis["noise"]
-        assert (noise.found and "rounded" in noise.what) == named
 
 
 def test_a_trial_is_repeatable_and_judged(tmp_path: Path) -> None:

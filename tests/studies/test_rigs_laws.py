@@ -7,9 +7,8 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from simulated_rigs.kinds import KINDS
-from simulated_rigs.rig import Assembly, run_linear
 from simulated_rigs.signals import command_with_play, delayed_command, faded_command
-from simulated_rigs.truth import LawPlace, LawTruth, assembled, law_kind, law_places, simulate_rig
+from simulated_rigs.truth import LawPlace, LawTruth, assembled, simulate_rig
 
 pytestmark = pytest.mark.long
 
@@ -188,44 +187,3 @@ def test_rates_of_change_by_textbook_formulas() -> None:
             u = commands[k, 0]
             x = solve_ivp(lambda t, x, u=u: rates(x, u), (0.0, kind.step), x, "DOP853", rtol=1e-9, atol=1e-9).y[:, -1]  # noqa: B023
         assert (np.abs(states[-1] - x[: len(start)]) < 1e-6 * np.ptp(states, axis=0)).all()
-
-
-@pytest.mark.parametrize("name", [name for name, kind in KINDS.items() if kind.linear])
-def test_two_ways_of_integrating_a_linear_rig_agree(name: str) -> None:
-    kind = KINDS[name]
-    commands, rest = steps(kind, 400), kind.rest(kind.parameters)
-    start = [level + state.shake for level, state in zip(rest, kind.states.values(), strict=True)]
-    exact, _ = run_linear(kind.plant(kind.parameters), kind.step, commands, start)
-    stepped, _ = Assembly(kind, kind.parameters).run(times(kind, 400), commands, start)
-    assert (np.abs(stepped - exact).max(axis=0) < 1e-6 * np.ptp(exact, axis=0)).all()
-
-
-@pytest.mark.parametrize(
-    ("law", "values"),
-    [
-        ("stribeck_friction", {"F_c": 1.2, "F_s": 2.0, "v_s": 0.1}),
-        ("presliding_friction", {"F_c": 1.5, "x_s": 0.02}),
-        ("friction_by_direction", {"F_plus": 2.0, "F_minus": 1.0}),
-    ],
-)
-def test_friction_does_not_depend_on_the_tolerance(law: str, values: dict[str, float]) -> None:
-    commands = steps(CART, 500, 3)
-    runs = [
-        simulate_rig(
-            CART, CART.parameters, [balance(law, "mass.v", **values)], times(CART, 500), commands, (0.02, 0.0), relative
-        )[0]
-        for relative in (1e-7, 1e-11)
-    ]
-    np.testing.assert_allclose(runs[0], runs[1], atol=1e-6 * np.ptp(runs[1]))
-
-
-def test_every_law_stands_somewhere() -> None:
-    listed = {law for kind in KINDS.values() for law, _ in law_places(kind)}
-    expected = (
-        "gain offset dead_zone saturation rate_limit square_law lag delay hysteresis coulomb_friction "
-        "friction_by_direction stribeck_friction presliding_friction viscous_friction quadratic_drag linear_stiffness "
-        "cubic_stiffness end_stop backlash linear_loss root_loss square_loss overflow exchange radiation "
-        "series_resistance contact_drop heating"
-    )
-    assert listed == set(expected.split())
-    assert all(law_kind(kind, law, place).most > 0.0 for kind in KINDS.values() for law, place in law_places(kind))
