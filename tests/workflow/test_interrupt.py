@@ -71,24 +71,25 @@ def folder(tmp_path: Path) -> Path:
     return folder
 
 
-def test_ctrl_c_ends_in_one_line(folder: Path):
-    status, lines = interrupted(folder, signal.SIGINT, 1e9, "Rig.fmu")
-    assert (status, len(lines)) == (130, 1)
-    assert lines[0].startswith("interrupted: ")
-    assert "--resume" not in lines[0]
+@pytest.mark.parametrize(("sent", "every", "until", "ends", "word"), [
+    (signal.SIGINT, 1e9, "Rig.fmu", 130, "interrupted: "),
+    # what a batch system sends, after a checkpoint
+    pytest.param(signal.SIGTERM, 0.0, "checkpoint.npz", 143, "terminated: ", marks=pytest.mark.long),
+])  # fmt: skip
+def test_a_signal_ends_in_one_line_and_keeps_the_checkpoint(
+    folder: Path, sent: signal.Signals, every: float, until: str, ends: int, word: str
+):
+    status, lines = interrupted(folder, sent, every, until)
+    assert (status, len(lines)) == (ends, 1)
+    assert lines[0].startswith(word)
+    checkpoint = Path("out", "checkpoint.npz")
+    assert ({"--resume", str(checkpoint)} <= set(lines[0].split())) == (until == checkpoint.name)
     assert not (folder / "out" / "result.json").exists()
-
-
-@pytest.mark.long
-def test_what_a_batch_system_sends_keeps_the_checkpoint(folder: Path):
-    status, lines = interrupted(folder, signal.SIGTERM, 0.0, "checkpoint.npz")
-    assert (status, len(lines)) == (143, 1)
-    assert lines[0].startswith("terminated: ")
-    assert {"--resume", str(Path("out", "checkpoint.npz"))} <= set(lines[0].split())
-    assert (folder / "out" / "checkpoint.npz").exists()
-    other = cli(folder, "posterior", "--config", "long.toml", "--resume", "--seed", "2")
-    assert (other.returncode, len(other.stderr.splitlines())) == (2, 1)
-    assert other.stderr.startswith(f"error: {Path('out', 'checkpoint.npz')} ")
+    if until == checkpoint.name:
+        assert (folder / checkpoint).exists()
+        other = cli(folder, "posterior", "--config", "long.toml", "--resume", "--seed", "2")
+        assert (other.returncode, len(other.stderr.splitlines())) == (2, 1)
+        assert other.stderr.startswith(f"error: {checkpoint} ")
 
 
 def test_a_second_run_in_the_folder_is_refused(folder: Path):
@@ -107,9 +108,15 @@ def said_numbers(lines: list[str]) -> list[tuple[str, list[str]]]:
     return [(phase, re.findall(r"\d+(?:\.\d+)?(?:%| s)?", text)) for phase, text in zip(phases, rest, strict=True)]
 
 
-def test_a_line_says_what_how_far_and_how_long(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch):
-    clock = [0.0]
-    monkeypatch.setattr(time, "monotonic", lambda: clock[0])
+@pytest.fixture
+def clock(monkeypatch: pytest.MonkeyPatch) -> list[float]:
+    """The time in seconds, which a test sets."""
+    now = [0.0]
+    monkeypatch.setattr(time, "monotonic", lambda: now[0])
+    return now
+
+
+def test_a_line_says_what_how_far_and_how_long(capsys: pytest.CaptureFixture[str], clock: list[float]):
     with ProgressBar(quiet=False) as progress:
         for share in (0.0, 0.1, 0.25, 0.5):
             progress("swarm", share, 12.5)
@@ -119,6 +126,10 @@ def test_a_line_says_what_how_far_and_how_long(capsys: pytest.CaptureFixture[str
         progress("loop: round 2", 0.4)
         clock[0] += 20.0
         progress("loop: round 2", 0.6)
+    with ProgressBar(quiet=True) as progress:
+        progress("swarm", 0.5)
+        clock[0] += 20.0
+        progress("swarm", 0.9)
     said = capsys.readouterr().err.splitlines()
     assert said_numbers(said) == [
         ("swarm", []),
@@ -131,11 +142,7 @@ def test_a_line_says_what_how_far_and_how_long(capsys: pytest.CaptureFixture[str
     ]
 
 
-def test_what_an_earlier_run_did_says_nothing_of_the_speed(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-):
-    clock = [0.0]
-    monkeypatch.setattr(time, "monotonic", lambda: clock[0])
+def test_what_an_earlier_run_did_says_nothing_of_the_speed(capsys: pytest.CaptureFixture[str], clock: list[float]):
     with ProgressBar(quiet=False) as progress:
         for share, then in ((0.0, 0.1), (0.25, 0.1), (0.5, 100.0), (0.7, 0.0)):
             progress("rigs", share)
@@ -143,11 +150,7 @@ def test_what_an_earlier_run_did_says_nothing_of_the_speed(
     assert said_numbers(capsys.readouterr().err.splitlines()) == [("rigs", []), ("rigs", ["70%", "100 s", "195 s"])]
 
 
-def test_the_time_that_is_told_never_rises_and_a_sentence_stays(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-):
-    clock = [0.0]
-    monkeypatch.setattr(time, "monotonic", lambda: clock[0])
+def test_the_time_that_is_told_never_rises_and_a_sentence_stays(capsys: pytest.CaptureFixture[str], clock: list[float]):
     with ProgressBar(quiet=False) as progress:
         progress("swarm", 0.0)
         progress("a sentence.", 0.0)
@@ -161,11 +164,3 @@ def test_the_time_that_is_told_never_rises_and_a_sentence_stays(
     totals = [int(spent[:-2]) + int(left[:-2]) for _, spent, left in numbers]
     assert len(totals) >= 5
     assert totals == sorted(totals, reverse=True)
-
-
-def test_quiet_says_nothing(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(time, "monotonic", iter(range(0, 1000, 100)).__next__)
-    with ProgressBar(quiet=True) as progress:
-        for share in (0.0, 0.5, 1.0):
-            progress("local", share)
-    assert capsys.readouterr().err == ""
