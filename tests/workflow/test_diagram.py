@@ -7,7 +7,6 @@ from pathlib import Path
 import pytest
 
 from aero_bayes.commands.context import model_diagrams
-from aero_bayes.modelica.class_reader import build_tree, look_up, read_library
 from aero_bayes.modelica.library import modelica_root
 from aero_bayes.report.schema_run import ComponentJson, DiagramJson
 
@@ -55,7 +54,6 @@ package Rig "A rig"
     connect(a.p, b.p); connect(a.p, c.p);
     y = b.v;
   end Bare;
-  model Equations input Real u; output Real y; Real x(start = 0); equation der(x) = u - x; y = x; end Equations;
 end Rig;
 """
 EXTENDED = """
@@ -103,18 +101,10 @@ def test_an_effect_deep_within_a_component_is_marked_on_the_way_to_it(files: lis
     assert [(s.kind, s.points, s.filled) for s in effect.shapes] == [("rectangle", [(-50, 40), (70, -40)], True)]
 
 
-@pytest.mark.parametrize("name", ["Rig.Placed", "Rig.Bare", "Rig.Equations", "nobody.knows"])
+@pytest.mark.parametrize("name", ["Rig.Placed", "Rig.Bare", "nobody.knows"])
 def test_there_is_no_diagram_without_the_place_of_an_effect(files: list[Path], name: str) -> None:
     """None where none was added, and none of parts that nobody placed."""
     assert model_diagrams(name, files, ports=["u"] if name == "Rig.Bare" else []) == []
-
-
-def test_names_are_looked_up_from_the_inside_outwards(files: list[Path]) -> None:
-    library = read_library(files)
-    assert look_up(library, "Motor", "Rig.Placed") == "Rig.Motor"
-    assert look_up(library, "Rig.Motor", "Better") == "Rig.Motor"
-    assert look_up(library, "Real", "Rig.Placed") is None
-    assert build_tree(library, "Better").inside["other"].inside["effect"].name == "Rig.Nothing"
 
 
 @pytest.mark.parametrize("name", ["OneDof", "HalfQuad"])
