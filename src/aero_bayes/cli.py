@@ -27,7 +27,6 @@ INTERRUPTED = 130
 TERMINATED = 143
 
 Command = TypeVar("Command", bound=Callable[..., Any])
-Options = TypeVar("Options", bound=Any)
 FILE = click.Path(path_type=Path)
 FOLDER = click.Path(path_type=Path, file_okay=False)
 
@@ -126,12 +125,6 @@ def run_options(command: Command) -> Command:
     return _with_state_of_folder(command)
 
 
-def _taken(kind: type[Options], given: dict[str, Any]) -> Options:
-    """Return options as one, and take them out of what a command was given."""
-    found: Options = kind(**{field.name: given.pop(field.name) for field in fields(kind) if field.name in given})
-    return found
-
-
 def _with_state_of_folder(command: Command) -> Command:
     """Give a command its shared options as one; where it fails, say what its folder holds."""
 
@@ -139,7 +132,8 @@ def _with_state_of_folder(command: Command) -> Command:
     def guarded(**given: Any) -> Any:
         from aero_bayes.commands.job import RunOptions
 
-        options = _taken(RunOptions, given)
+        shared = [field.name for field in fields(RunOptions) if field.name in given]
+        options = RunOptions(**{name: given.pop(name) for name in shared})
         try:
             return command(options=options, **given)
         except (InputError, CannotFinishError) as error:
@@ -250,9 +244,9 @@ def _travel(context: click.Context, option: click.Parameter, given: tuple[str, .
 @run_options
 def design_command(data: tuple[Path, ...], options: RunOptions, **asked: Any) -> None:
     """Propose the next experiment: the input that narrows weak parameters most."""
-    from aero_bayes.commands.design import DesignOptions, run_design
+    from aero_bayes.commands.design import run_design
 
-    run_design(data, options, _taken(DesignOptions, asked))
+    run_design(data, options, **asked)
 
 
 @main.command("all")

@@ -105,5 +105,3 @@ def test_a_step_at_the_first_sample_can_be_delayed() -> None:
 def test_a_turning_rotor_was_driven_before() -> None:
     (signal,) = to_experiment(recording([10.0] * 10, omega=[30.0] * 10), zero_at_rest=AT_REST).inputs
     assert signal.values.tolist() == [10.0]
-    (signal,) = to_experiment(recording([10.0] * 10, omega=[30.0] * 10), before={"V_m": 4.0}).inputs
-    assert signal.values.tolist() == [4.0, 10.0]

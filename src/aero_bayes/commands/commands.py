@@ -43,7 +43,7 @@ from aero_bayes.commands.loop import (
 )
 from aero_bayes.config import Config, ModelSection, load_config
 from aero_bayes.data.recording import Recording
-from aero_bayes.data.screen import screen_all
+from aero_bayes.data.screen import screen
 from aero_bayes.display import join_names, parameter_lines
 from aero_bayes.errors import CannotFinishError, InputError
 from aero_bayes.estimate.calibrated_model import CalibratedModel
@@ -176,7 +176,8 @@ def run_check(files: Sequence[Path], config_path: Path | None, model_name: str |
     if model is not None:
         check_plausible(recordings, model)
         tell_inputs(model, recordings)
-    tell_findings(screened(recordings, model) if model is not None else screen_all(recordings))
+    found = screened(recordings, model) if model is not None else [part for r in recordings for part in screen(r)]
+    tell_findings(found)
     click.echo("\n\n".join(str(recording.summary()) for recording in recordings))
 
 

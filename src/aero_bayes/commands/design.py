@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -26,38 +25,28 @@ Json = dict[str, Any]
 SIGNAL_FILE = "next_experiment.csv"
 
 
-@dataclass(frozen=True)
-class DesignOptions:
-    """What the experiment is for and what the rig allows.
-
-    ``aim`` names parameters, by default the weak ones."""
-
-    aim: tuple[str, ...] = ()
-    duration: float = 30.0
-    rate_hz: float | None = None
-    amplifier: float | None = None
-    travel: Mapping[str, float] | None = None
-
-
-def run_design(files: Sequence[Path], options: RunOptions, wanted: DesignOptions) -> None:
-    """Fit, propose the experiment, and write signal, result and page."""
+def run_design(
+    files: Sequence[Path], options: RunOptions, *, aim: tuple[str, ...], duration: float, rate_hz: float | None,
+    amplifier: float | None, travel: dict[str, float],
+) -> None:  # fmt: skip
+    """Fit, propose the experiment, and write signal, result and page; ``aim``: parameters, by default weak ones."""
     began = time.perf_counter()
-    Limits(1.0 if wanted.amplifier is None else wanted.amplifier, dict(wanted.travel or {}))
+    Limits(1.0 if amplifier is None else amplifier, travel)
     job = open_job(files, options)
-    _check_request(job, wanted)
+    _check_request(job, aim, duration, rate_hz, travel)
     with resumable(job, "design") as checkpoint:
         with ProgressBar(options.quiet) as progress:
             base = fit_job(job, progress, checkpoint)
             usual = default_limits(base)
             given: Json = {
-                "duration": wanted.duration,
-                "rate_hz": wanted.rate_hz,
-                "limits": Limits(wanted.amplifier or usual.amplifier, {**usual.travel, **(wanted.travel or {})}),
+                "duration": duration,
+                "rate_hz": rate_hz,
+                "limits": Limits(amplifier or usual.amplifier, {**usual.travel, **travel}),
                 "settings": SearchSettings(seed=options.seed),
                 "workers": options.workers,
                 "progress": progress,
             }
-            design = propose_experiment(base, targets=wanted.aim or None, **given)
+            design = propose_experiment(base, targets=aim or None, **given)
             plan = _plan(design, base, given)
         about = {"file": SIGNAL_FILE, "unit": base.calibration.model.units[design.input]}
         part: Json = {"design": design.to_dict() | about, "verdict": _verdict(design)}
@@ -78,18 +67,20 @@ def _plan(proposal: Design, base: Fit, given: Json) -> Series:
     return series
 
 
-def _check_request(job: Job, wanted: DesignOptions) -> None:
+def _check_request(
+    job: Job, aim: tuple[str, ...], duration: float, rate_hz: float | None, travel: Mapping[str, float]
+) -> None:
     """Check the request before the first simulation."""
     known = {v.name for v in job.model.outputs}
-    for name in wanted.travel or ():
+    for name in travel:
         if name not in known:
             raise InputError(f"--travel {name}: model {job.name} has no such output; it has {', '.join(sorted(known))}")
-    for name in wanted.aim:
+    for name in aim:
         if name not in job.parameters:
             raise InputError(f"--aim {name}: no parameter of the fit; it has {', '.join(job.parameters.names)}")
-    rate = wanted.rate_hz or job.recordings[0].rate_hz
-    if not wanted.duration * rate >= 10.0:
-        raise InputError(f"an experiment of {wanted.duration:g} s at {rate:g} Hz has fewer than ten samples")
+    rate = rate_hz or job.recordings[0].rate_hz
+    if not duration * rate >= 10.0:
+        raise InputError(f"an experiment of {duration:g} s at {rate:g} Hz has fewer than ten samples")
 
 
 def _verdict(design: Design) -> Json:

@@ -335,21 +335,19 @@ def to_experiment(
     outputs: Sequence[str] | None = None,
     *,
     start: Mapping[str, float] | None = None,
-    before: Mapping[str, float] | None = None,
     zero_at_rest: Sequence[str] | None = None,
     interpolation: Mapping[str, Interpolation] | Interpolation = "hold",
 ) -> Experiment:
     """Return the experiment that a simulator runs. Held inputs are reduced to the samples at which they change."""
     names = tuple(outputs) if outputs is not None else tuple(recording.outputs)
     at_rest = bool(zero_at_rest) and _was_at_rest(recording, zero_at_rest or ())
-    known = {name: 0.0 for name in recording.inputs if at_rest} | dict(before or {})
     linear = set(recording.inputs) if interpolation == "linear" else set()
     if not isinstance(interpolation, str):
         linear = {name for name, how in interpolation.items() if how == "linear"}
     signals = tuple(
         InputSignal(name, np.ascontiguousarray(recording.time), np.ascontiguousarray(values), "linear")
         if name in linear
-        else _hold_signal(name, recording.time, values, known.get(name))
+        else _hold_signal(name, recording.time, values, at_rest)
         for name, values in recording.inputs.items()
     )
     return Experiment(
@@ -373,14 +371,12 @@ def _windows(time: FloatArray, stamp: str) -> FloatArray:
     return np.column_stack([time, time + np.concatenate([length, [usual]])])
 
 
-def _hold_signal(name: str, time: FloatArray, values: FloatArray, before: float | None = None) -> InputSignal:
-    """Return a piecewise constant input with a point at every change.
-
-    ``before`` is its value until the first sample."""
+def _hold_signal(name: str, time: FloatArray, values: FloatArray, zero_before: bool) -> InputSignal:
+    """Return a piecewise constant input with a point at every change, also at the first sample after zero."""
     keep = np.concatenate(([True], values[1:] != values[:-1]))
     grid, levels = time[keep], values[keep]
-    if before is not None and before != levels[0]:
-        grid, levels = np.concatenate(([time[0] - INPUT_LEAD_TIME], grid)), np.concatenate(([before], levels))
+    if zero_before and levels[0] != 0.0:
+        grid, levels = np.concatenate(([time[0] - INPUT_LEAD_TIME], grid)), np.concatenate(([0.0], levels))
     return InputSignal(name, np.ascontiguousarray(grid), np.ascontiguousarray(levels), "hold")
 
 

@@ -304,11 +304,6 @@ def screen(recording: Recording) -> tuple[Recording, ...]:
     return _parts(_without_wrong_readings(_with_possible_inputs(recording)))
 
 
-def screen_all(recordings: Sequence[Recording]) -> tuple[Recording, ...]:
-    """Return the screened parts of recordings, in order."""
-    return tuple(part for recording in recordings for part in screen(recording))
-
-
 def hide(
     recording: Recording, output: str, rows: Mask, kind: FindingKind, what: str, done: str = "They are not fitted."
 ) -> Recording:

@@ -105,14 +105,9 @@ class Recordings:
         """What each part of the recordings does."""
         named = {role: join_names([p.words for p in self.parts if p.role == role]) for role in ROLES}
         told = f"Training, which is fitted: {named['train']}. Validation, which confirms: {named['validation']}."
-        if self.has_test:
+        if any(part.role == "test" for part in self.parts):
             return f"{told} Test, which decides nothing: {named['test']}."
         return f"{told} No readings are left for a test, so the error on validation readings is no test."
-
-    @property
-    def has_test(self) -> bool:
-        """Whether some readings decide nothing."""
-        return any(part.role == "test" for part in self.parts)
 
 
 def _halves(recording: Recording, outputs: Sequence[str], begin: float | None) -> tuple[Part, ...]:

@@ -91,12 +91,9 @@ def rms_error(residual: FloatArray) -> RmsError:
     rms = float(np.sqrt(np.mean(residual**2)))
     if n < 10:
         return RmsError(rms, rms / math.sqrt(2.0 * n), n)
-    return RmsError(rms, 0.5 * _sd_of_mean(residual**2) / max(rms, 1e-300), n)
-
-
-def _sd_of_mean(series: FloatArray) -> float:
-    """Standard deviation of the mean of a series (n,), with its correlation counted."""
-    return float(np.std(series)) * math.sqrt(residual_correlation_time([series]) / series.size)
+    squares = residual**2
+    sd_of_mean = float(np.std(squares)) * math.sqrt(residual_correlation_time([squares]) / n)
+    return RmsError(rms, 0.5 * sd_of_mean / max(rms, 1e-300), n)
 
 
 def shifts(before: Fit, after: Fit) -> tuple[Shift, ...]:

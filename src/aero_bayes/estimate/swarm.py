@@ -30,7 +30,6 @@ class SwarmSettings:
     iterations: Count = 120
     patience: int = 25
     tolerance: NotNegative = 0.5
-    reflect: bool = True
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -90,8 +89,8 @@ def minimise(
         pull = to_own * (own - position) + to_best * (own[np.argmin(own_cost)] - position)
         velocity = np.clip(CONSTRICTION * (velocity + pull), -0.5 * (high - low), 0.5 * (high - low))
         position = position + velocity
-        outside, inside = (position < low) | (position > high), np.clip(position, low, high)
-        position = np.clip(2.0 * inside - position, low, high) if settings.reflect else inside
+        outside = (position < low) | (position > high)
+        position = np.clip(2.0 * np.clip(position, low, high) - position, low, high)
         velocity[outside] *= -0.5
         history.append(float(own_cost.min()))
         if on_iteration is not None and on_iteration(iteration, history[-1]) is True:

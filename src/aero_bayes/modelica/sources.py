@@ -83,9 +83,9 @@ class Sources:
         known = _imported(cls)
         if first in known:
             return known[first] + dot + rest
-        for package in _opened_packages(cls):
-            if f"{package}.{name}" in self.by_name:
-                return f"{package}.{name}"
+        for words in _imports(cls):  # of ``import P.*`` the last word is ``.*``
+            if words[-1] == ".*" and (there := "".join(words[:-1]) + f".{name}") in self.by_name:
+                return there
         return self.meanings(cls).get(first, first) + dot + rest
 
     def meanings(self, cls: ClassText) -> dict[str, str]:
@@ -121,11 +121,6 @@ def _imported(cls: ClassText) -> dict[str, str]:
         if alias.isidentifier():
             found.setdefault(alias, "".join(words[2:] if words[1:2] == ["="] else words))
     return found
-
-
-def _opened_packages(cls: ClassText) -> list[str]:
-    """Return packages all of whose names a class imports: ``import P.*``."""
-    return ["".join(words[:-1]) for words in _imports(cls) if words[-1] == ".*"]
 
 
 def sources_in(files: Iterable[Path]) -> Sources:
