@@ -86,6 +86,11 @@ def test_a_mistake_is_one_line_that_says_what_is_expected(mistake: str, cart: Si
     assert "--" not in line
 
 
+def test_a_fit_is_the_same_whatever_the_number_of_workers(cart: SimpleNamespace):
+    again = aero_bayes.fit(cart.recording, cart.model, parameters=cart.free, workers=2)
+    assert again.values.tolist() == cart.fit.values.tolist()
+
+
 def test_a_frame_in_other_units_is_fitted_as_one_in_the_models(cart: SimpleNamespace):
     """A unit that is said is enough: fit, prediction and simulation convert to the model's."""
     frame = cart.recording.to_frame()
