@@ -2,11 +2,18 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+from typing import Any
+
 import arviz as az
 import numpy as np
 import pytest
+from facts import facts
 
+from aero_bayes.errors import CannotFinishError
 from aero_bayes.estimate.convergence import autocorrelation_time, check_convergence, r_hat
+from aero_bayes.estimate.prediction import predictives
+from aero_bayes.simulation.interface import Outcome
 
 pytestmark = pytest.mark.fast
 
@@ -62,3 +69,12 @@ def test_walkers_of_one_ensemble_do_not_pass_for_chains() -> None:
     rng = np.random.default_rng(4)
     x = np.repeat(rng.normal(size=(4, 1, 1)), 400, axis=1) * 0.5 + rng.normal(size=(4, 400, 30))
     assert r_hat(x) > 1.02
+
+
+def test_draws_that_all_fail_are_one_line() -> None:
+    failed = SimpleNamespace(outcomes=np.full((25, 1), Outcome.SOLVER_FAILED), outputs=())
+    calibration: Any = SimpleNamespace(data=SimpleNamespace(experiments=(), recordings=()), process=None)
+    simulator: Any = SimpleNamespace(simulate=lambda values: failed)
+    draws = np.zeros((50, 4)), np.ones((50, 1, 3)), np.ones(1)
+    with pytest.raises(CannotFinishError, match=facts("no draw")):
+        predictives(calibration, simulator, *draws, np.random.default_rng(1), read=())

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
+import arviz as az
+import h5py
 import numpy as np
 import pytest
 
@@ -74,3 +77,13 @@ def test_a_mode_whose_chain_is_short_is_not_called_converged(posterior: Posterio
     short = aero_bayes.sample(posterior.fit, settings=replace(QUICK, max_rounds=1, max_steps=10), workers=0)
     assert not short.converged
     assert not any(row.converged for row in short.mode_draws)
+
+
+def test_the_band_holds_its_share_of_the_readings_and_all_is_written(posterior: Posterior, tmp_path: Path) -> None:
+    band, measured = posterior.predictive[0], posterior.calibration.data.measured[0]
+    assert np.mean((measured > band.lower) & (measured < band.upper)) == pytest.approx(0.9, abs=0.08)
+    path = posterior.save(tmp_path / "posterior.nc")
+    assert [p.name for p in tmp_path.iterdir()] == ["posterior.nc"]
+    with h5py.File(path) as file:
+        assert {"posterior", "log_likelihood", "posterior_predictive", "observed_data", "sample_stats"} <= set(file)
+    np.testing.assert_allclose(az.from_netcdf(path)["posterior"]["b"].values.ravel(), posterior.samples("b"))

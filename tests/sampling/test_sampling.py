@@ -17,7 +17,6 @@ import numpy as np
 import pytest
 from emcee.moves import StretchMove
 from facts import facts
-from scipy import stats
 
 from aero_bayes.errors import CannotFinishError
 from aero_bayes.estimate.adaptation import Adaptation
@@ -38,43 +37,6 @@ def off(chain: Chain, quantity: np.ndarray, truth: float) -> float:
     """Error of a mean over its standard error at the chain's smallest effective size."""
     ess = min(chain.worst.ess_bulk, chain.worst.ess_tail)
     return abs(float(np.mean(quantity)) - truth) / float(np.std(quantity) / np.sqrt(ess))
-
-
-def test_banana_has_its_moments() -> None:
-    chain = run_chain(interrupted_run.banana, WarpedStudentT.of(np.zeros(2), np.diag([1.0, 3.0])), QUICK, 3)
-    assert chain.converged
-    assert chain.worst.r_hat <= 1.01
-    x = chain.points.reshape(-1, 2)
-    assert off(chain, x[:, 0], 0.0) < 5.0
-    assert off(chain, x[:, 1], 1.0) < 5.0
-    assert off(chain, (x[:, 1] - 1.0) ** 2, 3.0) < 5.5
-    assert stats.kstest(x[:: int(4 * chain.worst.tau), 0], "norm").pvalue > 1e-5
-
-
-class AtABound:
-    """A normal cut off at half a standard deviation above its middle, times a wide one; the bound is in the prior."""
-
-    def __init__(self) -> None:
-        self.outside = 0
-
-    def log_prior(self, x: np.ndarray) -> np.ndarray:
-        return np.where(x[:, 0] >= 0.5, 0.0, -np.inf)
-
-    def __call__(self, x: np.ndarray) -> np.ndarray:
-        self.outside += int(np.sum(x[:, 0] < 0.5))
-        return self.log_prior(x) - 0.5 * x[:, 0] ** 2 - 0.5 * (x[:, 1] - x[:, 0]) ** 2
-
-
-def test_a_truncated_normal_is_right_up_to_its_bound() -> None:
-    chain = run_chain(AtABound(), WarpedStudentT.of(np.array([0.5, 0.5]), np.eye(2)), QUICK, 6)
-    assert chain.converged
-    x = chain.points.reshape(-1, 2)
-    exact = stats.truncnorm(0.5, np.inf)
-    assert x[:, 0].min() >= 0.5
-    assert off(chain, x[:, 0], exact.mean()) < 5.0
-    assert off(chain, x[:, 0] < exact.ppf(0.05), 0.05) < 5.0
-    assert off(chain, x[:, 0] > exact.ppf(0.95), 0.05) < 5.0
-    assert stats.kstest(x[:: int(4 * chain.worst.tau), 0], exact.cdf).pvalue > 1e-5
 
 
 def test_a_corner_across_all_coordinates_is_sampled_at_few_evaluations() -> None:
