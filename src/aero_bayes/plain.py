@@ -16,7 +16,7 @@ from aero_bayes.arrays import FloatArray
 
 
 def number(value: float | None) -> float:
-    """Return a number that JSON has, not a number where that is null."""
+    """Return a number that JSON has, NaN for null."""
     return math.nan if value is None else value
 
 

@@ -20,6 +20,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from aero_bayes.loop.table import MATERIAL
 from study.answers import LoopTask, claims_law, same_as, unseen
 from study.study import Row, Study, Told, matches, number, rate_cells, rate_of
 
@@ -28,7 +29,7 @@ MODELS = STUDIES / "real_rigs"
 #: Where recordings are looked for.
 RECORDINGS = tuple(STUDIES.parents[1] / "shared" / name for name in ("rigs", "data"))
 #: A term is material if the error of an output on unseen data is this much larger without it.
-MATERIAL_GROWTH = 4.0 / 3.0
+MATERIAL_GROWTH = 1.0 / MATERIAL
 #: What an answer can be: all of what is expected, nothing by right, a part of it or a near law at its place, something
 #: that is not missing, nothing of what is expected; or the run did not end.
 VERDICTS = ("right", "silent", "place_right", "false", "missed", "failed")

@@ -13,8 +13,8 @@ from aero_bayes.laws.candidates import PlacedLaw
 class Read:
     """An input of a law, and the signal that it is; or what the law ``after`` which it acts makes of that signal.
 
-    A signal is as the equations of the model use it, behind laws at inputs and at signals, before those at outputs; or
-    ``raw``, before all laws: so a law at an input reads it, and a law that acts on a signal reads others."""
+    A signal is as the equations use it: behind laws at inputs and at signals, before those at outputs. Where it is
+    ``raw`` it is before all laws: so for a law at an input, and for what a law on a signal reads besides."""
 
     input: str
     signal: Signal

@@ -70,7 +70,7 @@ class Limit:
     """The smallest size of a law at a port that would have been named: a value of its first parameter.
 
     Its signature in the outputs, once the free parameters have readjusted, raises the error that the model leaves by
-    what a material term has to lower it."""
+    so much that taking it away would be material."""
 
     law: str
     port: str

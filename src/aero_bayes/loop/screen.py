@@ -47,8 +47,7 @@ class Promise:
 class Screened:
     """Promises of a term, best first, and the smallest size that would have been seen.
 
-    That size, in the unit of ``parameter`` (name, unit), raises the error that the fit leaves by what a material term
-    has to lower. ``seconds`` is how long this took."""
+    With that size, in the unit of ``parameter`` (name, unit), taking it away would be material. It took ``seconds``."""
 
     promises: tuple[Promise, ...] = ()
     smallest: float = math.inf
