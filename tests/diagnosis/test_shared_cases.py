@@ -78,7 +78,12 @@ CASES = {
 
 
 @pytest.mark.parametrize(
-    ("folder", "case"), [pytest.param(f, c, id=f"{f}-{k}") for f, own in CASES.items() for k, c in enumerate(own)]
+    ("folder", "case"),
+    [
+        pytest.param(f, c, id=f"{f}-{k}", marks=[pytest.mark.long] if f == "46_block_fmu" else [])
+        for f, own in CASES.items()
+        for k, c in enumerate(own)
+    ],
 )
 def test_the_cause_is_named_and_the_values_are_right(folder: str, case: Case, tmp_path: Path) -> None:
     result = fitted(folder, case.config, case.data, tmp_path, case.columns)
