@@ -50,7 +50,7 @@ ROWS = {
         Row("workers that crash, hang or are killed", "the other runs' numbers", "simulation/engine_isolation"),
         Row("FMUs that write, connect, start programs", "refused by the kernel", "simulation/confinement"),
         Row("full disk, folders that cannot be made", "one line, nothing half-written", "workflow/system_errors"),
-        Row("interrupted and resumed runs", "the run that was not", "workflow/resume"),
+        Row("interrupted and resumed runs", "the run that was not", "estimate/resumed_fit"),
         Row("damaged and odd data files", "the same table, or one line", "data/odd_files"),
         Row("another processor, readings off by 1e-9", "the same answer of the loop", "loop/other_processors"),
     ),
