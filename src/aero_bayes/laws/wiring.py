@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from aero_bayes.laws.balance import Attachment, Port, Signal
 from aero_bayes.laws.candidates import PlacedLaw
@@ -68,9 +68,7 @@ def wiring(placed_laws: Sequence[PlacedLaw]) -> tuple[WiredLaw, ...]:
         own = Read("u", signal, latest.get(place), raw=placed.port.attachment == "input")
         found.append(WiredLaw(placed, (own, *others)))
         latest[place] = placed
-    return tuple(
-        WiredLaw(w.law, w.reads, w.added, outermost=any(w.law is placed for placed in latest.values())) for w in found
-    )
+    return tuple(replace(w, outermost=any(w.law is placed for placed in latest.values())) for w in found)
 
 
 def _read(placed: PlacedLaw) -> dict[str, Signal]:
