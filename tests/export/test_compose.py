@@ -16,7 +16,6 @@ from aero_bayes.errors import InputError
 from aero_bayes.modelica.compose import (
     add_input,
     add_output,
-    add_parameter,
     add_term,
     attribute_value,
     replace_uses,
@@ -58,10 +57,7 @@ def test_the_flat_model_says_where_everything_comes_from(base):
 
 
 def test_uses_of_an_input_pass_through_a_law(base, tmp_path):
-    flat = add_parameter(
-        replace(base, name="Gained"), "gain", 0.5, "1", min=0.0, max=Call("*", (Number(2.0), Name("R_a")))
-    )
-    flat = replace_uses(flat, "V_m", Call("*", (Name("gain"), Name("V_m"))))
+    flat = replace_uses(replace(base, name="Gained"), "V_m", Call("*", (Number(0.25), Name("V_m"))))
     flat = add_input(flat, "push", "N.m")
     flow = next(k for k, e in enumerate(flat.equations) if e.origin == "flow" and "body.flange.tau" in names_in(e.left))
     flat = add_term(flat, flow, Call("neg", (Name("push"),)))
@@ -69,7 +65,7 @@ def test_uses_of_an_input_pass_through_a_law(base, tmp_path):
     x = dict(zip(SCALES, (0.2, 310.0, 0.3, 0.7, -0.1, -290.0), strict=True))
     with driven(export_flat(flat, tmp_path / "g.fmu")) as fmu:
         fmu.begin()
-        fmu.set(V_m=12.0, gain=0.25, push=0.03)
+        fmu.set(V_m=12.0, push=0.03)
         at = x | {"speed_2": x["body.omega"]}
         found = dict(zip(fmu.states, fmu.rhs(np.array([at[s] for s in fmu.states])), strict=True))
         rates = one_dof(x, 3.0, NOMINAL)
@@ -111,6 +107,4 @@ def test_what_does_not_fit_is_refused(base):
     with pytest.raises(InputError, match="no variable 'nothing'"):
         attribute_value(base, "nothing", "max")
     with pytest.raises(InputError, match="'R_a' already"):
-        add_parameter(base, "R_a", 1.0)
-    with pytest.raises(InputError, match="no attribute 'lower'"):
-        add_parameter(base, "q", 1.0, lower=2.0)
+        add_input(base, "R_a")

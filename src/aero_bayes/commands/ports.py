@@ -5,61 +5,44 @@ from __future__ import annotations
 import json
 import math
 import textwrap
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import click
-import numpy as np
 
-from aero_bayes.arrays import FloatArray
 from aero_bayes.commands.job import RunOptions, open_job, which_model, without_units
 from aero_bayes.commands.loop import fit_settings
 from aero_bayes.config import load_config
-from aero_bayes.data.noise import output_noise_floor
 from aero_bayes.display import join_names, with_unit
 from aero_bayes.errors import InputError
 from aero_bayes.estimate.fit import fit
-from aero_bayes.estimate.noise import OutputNoise
-from aero_bayes.estimate.objective import Objective, objective_of
-from aero_bayes.estimate.parameters import Parameter
-from aero_bayes.estimate.priors import Uniform
+from aero_bayes.estimate.objective import objective_of
 from aero_bayes.estimate.result import Fit
 from aero_bayes.files import ScratchFolder
-from aero_bayes.laws.balance import PORT_KINDS, Port, port_table
-from aero_bayes.laws.candidates import identifier
+from aero_bayes.laws.balance import port_table
 from aero_bayes.laws.law_places import LawPlaces
-from aero_bayes.laws.probes import with_drive
 from aero_bayes.loop.extend import Limit, limits_of
 from aero_bayes.loop.first_fit import LoopStatistics
-from aero_bayes.loop.fmu_family import FmuPlaces
+from aero_bayes.loop.fmu_family import FmuFamily, FmuPlaces
 from aero_bayes.loop.modelica_family import ModelicaFamily
 from aero_bayes.loop.models import ModelSource
-from aero_bayes.loop.nominal_values import NOMINAL_QUANTILE, port_nominals
+from aero_bayes.loop.screen import MIN_BARELY_VISIBLE, MIN_VISIBLE, Screened
 from aero_bayes.loop.search import Effort, Library, Search
 from aero_bayes.loop.table import law_of
-from aero_bayes.modelica.compose import add_parameter
-from aero_bayes.modelica.embedded import export_flat
-from aero_bayes.modelica.flat import FlatModel
 from aero_bayes.modelica.library import path_in_library
-from aero_bayes.modelica.syntax import Call, Expression, Name, Number
 from aero_bayes.parallel import ParallelMap
 from aero_bayes.simulation.engines import open_simulator
-from aero_bayes.simulation.interface import ParameterTarget
-from aero_bayes.simulation.model import Model
 from aero_bayes.simulation.workers import WorkerPool
 
 PortRow = dict[str, Any]
 
-#: The response of a port is the change of the outputs, in standard deviations of noise, to a probe as large as all else
-#: at the port. Responses from which a term counts as barely visible, and as visible.
-MIN_BARELY_VISIBLE_RESPONSE, MIN_VISIBLE_RESPONSE = 3.0, 30.0
 RESPONSE_NOTES = (
-    "response: change of the outputs, in standard deviations of their noise, by a term as large as all else at "
-    "the port, less what the free parameters imitate.",
-    f"visible in these data: yes from {MIN_VISIBLE_RESPONSE:g}, barely from {MIN_BARELY_VISIBLE_RESPONSE:g}.",
+    "response: change of the outputs, in standard deviations of their noise, by the law that shows most, of its nominal "
+    "size (a force as large as the others at the port), less what the free parameters imitate.",
+    f"visible in these data: yes from {MIN_VISIBLE:g}, barely from {MIN_BARELY_VISIBLE:g}.",
     "limits: the size of each law, a value of its first parameter, from which on it is material: its lack raises the "
     "error that the model leaves now by a third.",
 )
@@ -67,11 +50,7 @@ RESPONSE_NOTES = (
 LISTED_SHARE = 0.1
 #: Columns of a terminal.
 WIDTH = 80
-#: Share of a probe's signature up to which parameters do the same.
-MOST_LEFT = 0.1
-IMITATED_NOTE = "imitated: terms that are not seen, since free parameters change the outputs as they do."
-#: Share of a signal's size over which what changes with its direction changes.
-TRANSITION_SHARE = 0.1
+IMITATED_NOTE = "imitated: laws that are not seen, since free parameters change the outputs as they do."
 
 
 def run_ports(model: str | None, config: Path | None, data: Sequence[Path] = (), *, as_json: bool = False) -> None:
@@ -88,52 +67,43 @@ def _rows(options: RunOptions, data: Sequence[Path]) -> list[PortRow]:
     config = load_config(options.config)
     name, fmu = which_model(config, options)
     if fmu is not None:
-        if data:
-            raise InputError(f"{fmu}: --data needs the Modelica source of the model, not an FMU")
         around = FmuPlaces(fmu.stem, config.model.sources, config.model.libraries, fmu=fmu)
         around.check()
         if without := without_units(around.inner):
             click.echo(f"note: {without}", err=True)
-        return port_table(around.ports)
+        return _seen(port_table(around.ports), FmuFamily(around, options.out), options, data)
     places = LawPlaces(name, config.model.sources, config.model.libraries)
     if not places.declared.effects:
-        return _model_ports(places, options, data)
+        return _seen(port_table(places.ports), ModelicaFamily(places, options.out), options, data)
     if data:
         raise InputError(f"{name}: --data is not possible, because {places.declared.package} declares its ports")
     named = [c for c in places.candidates if c.alias]
     return [{"id": c.id, "port": places.place_name(c), "summary": places.describe(c)} for c in named]
 
 
-def _model_ports(places: LawPlaces, options: RunOptions, data: Sequence[Path]) -> list[PortRow]:
-    """Return rows of :func:`~aero_bayes.laws.balance.port_table`, with recordings what these show of each port.
-
-    ``options.out`` is where FMUs are built for the recordings' sake."""
-    rows: list[PortRow] = port_table(places.ports)
-    if data:
-        job = open_job(data, options)
-        settings = replace(fit_settings(job), method="local")
-        found = fit(
-            job.recordings, job.model, parameters=job.parameters, settings=settings, seed=options.seed,
-            workers=options.workers, explain=False,
-        )  # fmt: skip
-        family = ModelicaFamily(places, options.out)
-        responses, imitated = _port_responses(family, found)
-        limits, shares = _limits(found, family, options.workers)
-        for row in rows:
-            row["response"] = responses.get(row["id"])
-            row["visible"] = visibility(row["response"])
-            row["imitated"] = imitated.get(row["id"], {})
-            row["limits"] = [vars(one) for one in limits if one.port == row["id"]]
-            row["explains"] = {t: share for t, (port, share) in shares.items() if port == row["id"]}
+def _seen(rows: list[PortRow], family: ModelicaFamily, options: RunOptions, data: Sequence[Path]) -> list[PortRow]:
+    """Return rows of ports with what recordings, if there are any, show of each."""
+    if not data:
+        return rows
+    job = open_job(data, options)
+    settings = replace(fit_settings(job), method="local")
+    found = fit(
+        job.recordings, job.model, parameters=job.parameters, settings=settings, seed=options.seed,
+        workers=options.workers, explain=False,
+    )  # fmt: skip
+    every, limits = _screened(found, family, options.workers)
+    for row in rows:
+        own = {law_of(t): one for t, one in every.items() if one.port == row["id"]}
+        row["response"] = max((one.response for one in own.values()), default=None)
+        row["visible"] = visibility(row["response"])
+        row["imitated"] = {law: join_names(one.imitators) for law, one in own.items() if one.imitators}
+        row["limits"] = [vars(one) for one in limits if one.port == row["id"]]
+        row["explains"] = {f"{law}@{row['id']}": -math.expm1(-max(one.gain, 0.0)) for law, one in own.items()}
     return rows
 
 
-def _limits(
-    fit: Fit, family: ModelicaFamily, workers: int | None
-) -> tuple[tuple[Limit, ...], dict[str, tuple[str, float]]]:
-    """What the recordings of a fit show of each law at each port of its model, beside what the fit leaves.
-
-    Also the port of each law, and the share of the error that it promises to explain."""
+def _screened(fit: Fit, family: ModelicaFamily, workers: int | None) -> tuple[dict[str, Screened], tuple[Limit, ...]]:
+    """What the recordings of a fit show of each law at each port of its model, beside what the fit leaves."""
     with WorkerPool(workers) as pool:
         open_ = partial(open_simulator, pool=pool)
         objective = lambda own: objective_of(own, open_(own.problem()))  # noqa: E731
@@ -145,7 +115,7 @@ def _limits(
         search.begin(dict(zip(fit.calibration.parameters.names, fit.values.tolist(), strict=True)))
         found = search.screen((), laws)
         search.models.close()
-        return limits_of(search, ()), {t: (s.port, -math.expm1(-max(s.gain, 0.0))) for t, s in found.items()}
+        return found, limits_of(search, ())
 
 
 def visibility(response: float | None) -> str:
@@ -154,153 +124,9 @@ def visibility(response: float | None) -> str:
     ``unknown`` without."""
     if response is None:
         return "unknown"
-    if response >= MIN_VISIBLE_RESPONSE:
+    if response >= MIN_VISIBLE:
         return "yes"
-    return "barely" if response >= MIN_BARELY_VISIBLE_RESPONSE else "no"
-
-
-def _port_responses(family: ModelicaFamily, found: Fit) -> tuple[dict[str, float], dict[str, dict[str, str]]]:
-    """Return how many standard deviations of noise a probe of each port's own size moves the outputs by.
-
-    Also the parameters that do the same, by port and what the probe is like. The noise is that of the fit or that of
-    the readings alone, whichever shows the probe more: a model that lacks an effect leaves a residual that is larger
-    and slower than what sensors add."""
-    flat = family.places.flat
-    ports = [p for p in family.places.ports if p.attachment in ("input", "output", "signal") or p.balance is not None]
-    sizes = port_nominals(flat, ports, found.calibration, found.optimum, open_simulator)
-    readings = [p for p in ports if p.attachment == "output"]
-    inside = [p for p in ports if p.attachment != "output"]
-    flat, probed = _with_probes(flat, inside, sizes)
-    model = Model.load(export_flat(flat, family.folder / "probed.fmu"))
-    own = len(found.calibration.parameters)
-    probes = [_probe(name, p, sizes[p.id][f"{PORT_KINDS[p.kind].acts}_n"]) for p in inside for name in probed[p.id]]
-    calibration = family.transfer(found.calibration, model)
-    calibration = replace(calibration, parameters=calibration.parameters.extended(probes))
-    free = found.free
-    at = calibration.parameters.to_search(np.concatenate([found.values, np.zeros(len(probes))]))
-    with open_simulator(calibration.problem()) as simulator:
-        objective = Objective(calibration, simulator)
-        run = objective.evaluate(at, [*free, *range(own, own + len(probes))])
-        if run is None:
-            raise InputError(f"{family.places.base}: cannot be simulated with probes at its ports")
-        assert run.slopes is not None
-        changed, likes = _reading_responses(objective, run.predicted, readings, sizes)
-        slopes = tuple(np.concatenate(rows) for rows in zip(run.slopes, changed, strict=True))
-        noises = (found.optimum.noise, _noise_of_readings(found))
-        whitened = [objective.whiten(replace(run, slopes=slopes), noise).slopes for noise in noises]
-    seen = [(rows[: len(free)], rows[len(free) :]) for rows in whitened]
-    left = np.max([np.linalg.norm(_orthogonal_part(rows, own), axis=1) for own, rows in seen], axis=0)
-    kinds = [(p.id, like) for p in inside for like in probed[p.id].values()] + likes
-    free_names, imitated = [found.calibration.parameters.names[j] for j in free], dict[str, dict[str, str]]()
-    for (id_, like), size, row in zip(kinds, left, seen[0][1], strict=True):
-        if visibility(size) == "no" and visibility(float(np.linalg.norm(row))) == "yes":
-            imitated.setdefault(id_, {})[like] = _imitators(row, seen[0][0], free_names)
-    responses = {
-        p.id: max(float(size) for (id_, _), size in zip(kinds, left, strict=True) if id_ == p.id) for p in ports
-    }
-    return responses, imitated
-
-
-def _imitators(row: FloatArray, slopes: FloatArray, names: Sequence[str]) -> str:
-    """Name the fewest parameters whose change moves the outputs as a probe does."""
-    chosen: list[int] = []
-    left, sizes = row, np.maximum(np.linalg.norm(slopes, axis=1), 1e-300)
-    while np.linalg.norm(left) > MOST_LEFT * np.linalg.norm(row) and len(chosen) < len(names):
-        chosen.append(int(np.argmax(np.abs(slopes @ left) / sizes)))
-        left = _orthogonal_part(row[np.newaxis], slopes[chosen])[0]
-    return join_names([names[j] for j in chosen])
-
-
-def _noise_of_readings(found: Fit) -> dict[str, OutputNoise]:
-    """Return the noise of each output from its readings alone, the largest of all recordings.
-
-    The fit's where unknown."""
-    noise = dict(found.optimum.noise)
-    for output in noise:
-        floors = [output_noise_floor(r, output) for r in found.calibration.data.recordings if output in r.outputs]
-        largest = max((floor.at_most for floor in floors), default=0.0)
-        if largest > 0.0:
-            noise[output] = OutputNoise(largest)
-    return noise
-
-
-def _reading_responses(
-    objective: Objective,
-    predicted: Sequence[FloatArray],
-    ports: Sequence[Port],
-    sizes: Mapping[str, Mapping[str, float]],
-) -> tuple[list[FloatArray], list[tuple[str, str]]]:
-    """Return responses to readings that are off, by a share, or late, (3 q, n) a series; and port and kind of each.
-
-    A small delay takes its time's worth of the rate from an output, as a lag does; here as much as makes the largest
-    change as large as the output."""
-    rates = [np.gradient(y, s.sampling.time) for s, y in zip(objective.series, predicted, strict=True)]
-    rows = [np.zeros((3 * len(ports), rate.size)) for rate in rates]
-    for q, port in enumerate(ports):
-        own = [k for k, series in enumerate(objective.series) if series.output == port.signals["u"].first]
-        fastest = np.quantile(np.abs(np.concatenate([rates[k] for k in own])), NOMINAL_QUANTILE) if own else 0.0
-        size = sizes[port.id][f"{PORT_KINDS[port.kind].acts}_n"]
-        for k in own:
-            late = -size / fastest * rates[k] if fastest > 0.0 else np.zeros_like(rates[k])
-            rows[k][3 * q : 3 * q + 3] = np.full_like(rates[k], size), predicted[k], late
-    kinds = [(p.id, like) for p in ports for like in ("a constant", f"proportional to {p.signals['u']}", "a lag")]
-    return rows, kinds
-
-
-def _with_probes(
-    flat: FlatModel, ports: Sequence[Port], sizes: Mapping[str, Mapping[str, float]]
-) -> tuple[FlatModel, dict[str, dict[str, str]]]:
-    """Return the model with parameters at every port whose exact sensitivities are the responses to its probes.
-
-    Also what each probe is like, by port and parameter."""
-    names: dict[str, dict[str, str]] = {}
-    for port in ports:
-        whole: Expression = Number(0.0)
-        names[port.id] = {}
-        for k, (like, shape) in enumerate(_shapes(port, sizes[port.id])):
-            name = f"probe_{identifier(port.id)}_{k}"
-            flat = add_parameter(flat, name, 0.0, port.unit)
-            whole = Call("+", (whole, Call("*", (Name(name), shape))))
-            names[port.id][name] = like
-        flat = with_drive(flat, port, whole, next((p for p in ports if p.id in port.neighbours[:1]), None))
-    return flat, names
-
-
-def _shapes(port: Port, sizes: Mapping[str, float]) -> list[tuple[str, Expression]]:
-    """Return shapes of the probes at a port, scaled to size one: a constant, and functions of each signal."""
-    found: list[tuple[str, Expression]] = [("a constant", Number(1.0))]
-    for signal, variable in port.signals.items():
-        if f"{signal}_n" not in sizes:
-            continue
-        level = variable.expression
-        if "h_0" in sizes:
-            zero = port.signals["h_s"].expression if "h_s" in port.signals else Number(sizes["h_0"])
-            level = Call("-", (level, zero))
-        share = Call("/", (level, Number(sizes[f"{signal}_n"])))
-        found.append((f"proportional to {variable}", share))
-        if port.kind == "input":
-            found.append((f"{variable} squared", Call("*", (share, Call("abs", (share,))))))
-        elif signal in ("v", "i"):
-            step = Call("tanh", (Call("/", (share, Number(TRANSITION_SHARE))),))
-            found.append((f"with the sign of {variable}", step))
-    return found
-
-
-def _probe(name: str, port: Port, size: float) -> Parameter:
-    """Return a probe whose search coordinate runs in units of the port's size."""
-    half = 0.5 * size
-    about, target = f"probe at {port.id}", ParameterTarget(name)
-    return Parameter(name, port.unit, 0.0, -half, half, Uniform(-half, half), "linear", about, target)
-
-
-def _orthogonal_part(rows: FloatArray, nuisance: FloatArray) -> FloatArray:
-    """Return rows (q, N) less their projection onto the span of rows (k, N)."""
-    if not nuisance.size:
-        return rows
-    _, values, basis = np.linalg.svd(nuisance, full_matrices=False)
-    basis = basis[values > 1e-9 * values.max(initial=0.0)]
-    left: FloatArray = rows - (rows @ basis.T) @ basis
-    return left
+    return "barely" if response >= MIN_BARELY_VISIBLE else "no"
 
 
 def shortlist(rows: Sequence[PortRow]) -> list[str]:
@@ -349,7 +175,7 @@ def _cells(row: PortRow) -> dict[str, str]:
         if key == "limits":
             text = ", ".join(f"{one['law']} {with_unit(format(one['smallest'], '.2g'), one['unit'])}" for one in value)
         if key == "imitated":
-            text = "; ".join(f"{like} by {names}" for like, names in value.items())
+            text = "; ".join(f"{law} by {names}" for law, names in value.items())
         if key == "response":
             text = "" if value is None else f"{value:.3g}"
         if key == "laws" and "limits" in row:  # the others are there with their limits

@@ -30,6 +30,12 @@ MIN_STEP, MAX_STEP = 0.05, 3.0
 MOST_POINTS = 4
 
 
+#: Responses (see :class:`Screened`) from which a term counts as barely visible, and as visible.
+MIN_BARELY_VISIBLE, MIN_VISIBLE = 3.0, 30.0
+#: Share of a term's change of the outputs up to which parameters do the same.
+MOST_LEFT = 0.1
+
+
 #: What tells points of a term apart: what was at hand, the sign of the size, and the shape.
 Kind = tuple[float, ...]
 
@@ -47,10 +53,14 @@ class Promise:
 class Screened:
     """Promises of a term, best first, and the smallest size that would have been seen.
 
-    With that size, in the unit of ``parameter`` (name, unit), taking it away would be material. It took ``seconds``."""
+    With that size, in the unit of ``parameter`` (name, unit), taking it away would be material. ``response`` is what
+    its nominal size moves the outputs by, in deviations of the sensors' noise; where parameters do the same, these are
+    ``imitators``. It took ``seconds``."""
 
     promises: tuple[Promise, ...] = ()
     smallest: float = math.inf
+    response: float = 0.0
+    imitators: tuple[str, ...] = ()
     port: str = ""
     parameter: tuple[str, str] = ("", "")
     seconds: float = field(default=0.0, compare=False)
@@ -63,14 +73,19 @@ class Screened:
 
 @dataclass(eq=False)
 class Screen:
-    """Screens one term beside a fit; ``model`` has the terms of the fit and that one."""
+    """Screens one term beside a fit; ``model`` has the terms of the fit and that one.
+
+    ``sensors`` are deviations of the outputs' noise (m,) by the readings alone, infinite where these do not tell."""
 
     fitted: FittedModel
     model: CandidateModel
     term: str
     folds: Folds
+    sensors: FloatArray
     found: list[Promise] = field(default_factory=list)
     smallest: float = math.inf
+    seen: float = 0.0
+    imitators: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         parameters, optimum = self.model.objective.parameters, self.fitted.optimum
@@ -99,7 +114,9 @@ class Screen:
             self._by_simulation([*([] if tell else starts), *known])
             self._verify()
         size = self.model.objective.parameters.items[self.columns[0]]
-        return Screened(tuple(self.found), self.smallest, self.candidate.port, (size.name, size.unit))
+        return Screened(
+            tuple(self.found), self.smallest, self.seen, self.imitators, self.candidate.port, (size.name, size.unit)
+        )
 
     def _by_slope(self, shape: tuple[float, ...]) -> None:
         """The Newton step in the size at one shape, or in all heights of a curve."""
@@ -126,7 +143,10 @@ class Screen:
         sign = math.copysign(1.0, step[0]) if self.candidate.starts else 0.0
         self._add(point, step @ across, step @ back, (1.0,), (0.0, sign, *shape))
         if self.candidate.starts:
-            self._note_size(across[0], float(parameters.jacobian(values)[columns[0]]), float(high[0] - low[0]))
+            unit = float(parameters.jacobian(values)[columns[0]])
+            self._note_size(across[0], unit, float(high[0] - low[0]))
+            off = parameters.items[columns[0]].start
+            self._note_response(changes[0], across[0], abs(self.candidate.starts[0][0] - off) / unit)
 
     def _by_simulation(self, tried: Sequence[tuple[float, ...]]) -> None:
         """The best step towards each of some values of the term's parameters."""
@@ -155,6 +175,23 @@ class Screen:
             size = float(np.sqrt(np.min(SEEN * self.left[acting] / signature[acting])))
             if size <= room:
                 self.smallest = min(self.smallest, size * unit)
+
+    def _note_response(self, change: FloatArray, across: FloatArray, nominal: float) -> None:
+        """Note what the nominal size, as a coordinate, moves, and where that is little the parameters that do the same.
+
+        A fit that lacks an effect is no measure of noise: then the sensors' own is."""
+        weights = (self.noise / np.minimum(self.sensors, self.noise)) ** 2
+        whole, left = (nominal * math.sqrt(float(self.folds.sums(row) @ weights)) for row in (change, across))
+        self.seen = max(self.seen, left)
+        if whole < MIN_VISIBLE or left >= MIN_BARELY_VISIBLE:
+            return
+        slopes, names = self.response.slopes, self.fitted.model.objective.parameters.names
+        sizes, chosen, rest = np.maximum(np.linalg.norm(slopes, axis=1), 1e-300), list[int](), change
+        while np.linalg.norm(rest) > MOST_LEFT * np.linalg.norm(change) and len(chosen) < len(slopes):
+            chosen.append(int(np.argmax(np.abs(slopes @ rest) / sizes)))
+            own = slopes[chosen]
+            rest = change - np.linalg.lstsq(own.T, change, rcond=1e-9)[0] @ own
+        self.imitators = tuple(names[self.fitted.optimum.free[k]] for k in chosen)
 
     def _add(
         self, point: FloatArray, direction: FloatArray, back: FloatArray, steps: Sequence[float], kind: Kind

@@ -118,6 +118,8 @@ class Search:
         data = self.source.plain.data
         rounding = zip(data.outputs, (ROUNDING_SHARE * data.scale).tolist(), strict=True)
         self._least = {o: max(data.floors.get(o, 0.0), least) for o, least in rounding}
+        known = [[sd for (_, name), sd in self.floors.items() if name == o and sd > 0.0] for o in data.outputs]
+        self._sensors = np.array([max(own, default=math.inf) for own in known])
 
     # fits
 
@@ -421,11 +423,11 @@ class Search:
         known = [f for k, f in self.fits.items() if term in k and k != child]
         best = min(known, key=lambda f: self.table.order(f.terms), default=None)
         values = [tuple(best.term_values(term).values())] if best is not None else []
-        found = Screen(fitted, model, term, self.folds).run(values)
+        found = Screen(fitted, model, term, self.folds, self._sensors).run(values)
         declared = fitted.at_declared_values() if not parent and self.effort.beside_declared else None
         if declared is not None:
             loss = self.folds.on_fitted(declared.optimum) - self.folds.on_fitted(fitted.optimum)
-            there = Screen(declared, model, term, self.folds).run()
+            there = Screen(declared, model, term, self.folds, self._sensors).run()
             moved = (replace(p, gain=p.gain - loss, kind=(DECLARED + p.kind[0], *p.kind[1:])) for p in there.promises)
             promises = (*found.promises, *moved)
             found = replace(found, promises=tuple(sorted(promises, key=lambda p: -p.gain)))

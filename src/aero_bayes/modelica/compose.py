@@ -41,40 +41,18 @@ def equate(flat: FlatModel, name: str, expression: Expression) -> FlatModel:
     return replace(flat, equations=(*flat.equations, FlatEquation(left, expression, "added")))
 
 
-def add_input(flat: FlatModel, name: str, unit: str = "", description: str = "", start: float = 0.0) -> FlatModel:
+def add_input(flat: FlatModel, name: str, unit: str = "", description: str = "") -> FlatModel:
     """Add an input of the whole model."""
     if "." in name:
         raise InputError(f"the input {name!r}: an input of the whole model has a name without dots")
-    given = _attributes({"start": start})
-    v = FlatVariable(name, causality="input", unit=unit, description=description, attributes=given)
-    return _with(flat, v)
+    given = {"start": Number(0.0)}
+    return _with(flat, FlatVariable(name, causality="input", unit=unit, description=description, attributes=given))
 
 
 def add_output(flat: FlatModel, name: str, expression: Expression, unit: str = "", description: str = "") -> FlatModel:
     """Add an output of the whole model that is ``expression``."""
     wider = _with(flat, FlatVariable(name, causality="output", unit=unit, description=description))
     return equate(wider, name, expression)
-
-
-def add_parameter(
-    flat: FlatModel,
-    name: str,
-    value: float | Expression,
-    unit: str = "",
-    *,
-    description: str = "",
-    **attributes: float | Expression,
-) -> FlatModel:
-    """Add a parameter."""
-    v = FlatVariable(
-        name,
-        variability="parameter",
-        unit=unit,
-        description=description,
-        attributes=_attributes(attributes),
-        binding=_tree(value),
-    )
-    return _with(flat, v)
 
 
 def set_parameter(flat: FlatModel, name: str, value: float | Expression) -> FlatModel:
@@ -139,27 +117,6 @@ def replace_uses(flat: FlatModel, name: str, by: Expression, keep_equations: Col
     return replace(changed, equations=equations)
 
 
-def separate_elements(flat: FlatModel, element: str) -> FlatModel:
-    """Separate an array input or output, element by element, from the array that the equations use.
-
-    ``u[1]`` and its like are then named in one equation each, ``u_acting[1] = u[1]`` or ``y[1] = y_true[1]``; all else
-    is about the other array. A model where this is so already, or ``element`` is a variable by itself, stays as it is.
-    """
-    name = parse_reference(element).name
-    v = flat.variable(name)
-    inner = f"{name}{ACTING_SUFFIX if v.causality == 'input' else TRUE_SUFFIX}"
-    if name == element or any(w.name == inner for w in flat.variables):
-        return flat
-    own = replace(v, name=inner, causality="local", binding=None)
-    shown = replace(v, attributes={k: t for k, t in v.attributes.items() if k != "fixed"}, binding=None)
-    flat = replace_uses(flat, name, Name(inner))
-    flat = replace(flat, variables=(*(shown if w.name == name else w for w in flat.variables), own))
-    for pair in zip(element_names(name, v.sizes), element_names(inner, v.sizes), strict=True):
-        to, source = reversed(pair) if v.causality == "input" else pair
-        flat = equate(flat, to, parse_reference(source))
-    return flat
-
-
 def attribute_value(flat: FlatModel, name: str, attribute: str, values: Mapping[str, float] | None = None) -> float:
     """Return a number of a parameter or variable, with other ``values`` of parameters."""
     known = {v.name: v for v in flat.variables}
@@ -209,13 +166,6 @@ def _evaluated(flat: FlatModel, name: str, attribute: str, tree: Expression, val
 
 def _tree(value: float | Expression) -> Expression:
     return Number(float(value)) if isinstance(value, (int, float)) else value
-
-
-def _attributes(given: Mapping[str, float | Expression]) -> dict[str, Expression]:
-    wrong = next((k for k in given if k not in _DEFAULTS), None)
-    if wrong is not None:
-        raise InputError(f"no attribute {wrong!r}; expected {', '.join(_DEFAULTS)}")
-    return {k: _tree(v) for k, v in given.items()}
 
 
 def _with(flat: FlatModel, v: FlatVariable) -> FlatModel:
