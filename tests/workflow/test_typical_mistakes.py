@@ -112,7 +112,6 @@ MISTAKES = {
     "half an FMU": typed("fit --model half.fmu --data aero.csv", "half.fmu"),
     "an FMU whose binary is no library": typed("fit --model binary.fmu --data aero.csv", "binary"),
     "no FMU": Mistake(("Rig.fmu",), "init Rig.fmu train.csv --out new.toml", {"Rig.fmu": ("", "PK")}),
-    "recordings beside an FMU": Mistake(("error: some.fmu: --data",), "ports --model some.fmu --data train.csv"),
     "a file that is written already": typed("init Rig.mo train.csv --out rig.toml", "rig.toml: exists already"),
     "two models in a file": Mistake(
         ("Rig.mo: say which model", "--model: A, B"), "init Rig.mo train.csv --out new.toml", {"Rig.mo": ("", TWO)},

@@ -40,8 +40,8 @@ from aero_bayes.simulation.workers import WorkerPool
 PortRow = dict[str, Any]
 
 RESPONSE_NOTES = (
-    "response: change of the outputs, in standard deviations of their noise, by the law that shows most, of its nominal "
-    "size (a force as large as the others at the port), less what the free parameters imitate.",
+    "response: change of the outputs, in standard deviations of their noise, by the law that shows most, of its "
+    "nominal size (a force as large as the others at the port), less what the free parameters imitate.",
     f"visible in these data: yes from {MIN_VISIBLE:g}, barely from {MIN_BARELY_VISIBLE:g}.",
     "limits: the size of each law, a value of its first parameter, from which on it is material: its lack raises the "
     "error that the model leaves now by a third.",
