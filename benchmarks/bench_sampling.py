@@ -26,10 +26,10 @@ from aero_bayes.estimate import CalibrationSettings, NoiseModel
 from aero_bayes.estimate.convergence import SampleSettings
 from aero_bayes.estimate.fit import fit
 from aero_bayes.estimate.levenberg_marquardt import FitSettings
+from aero_bayes.estimate.log_posterior import LogPosterior
 from aero_bayes.estimate.mcmc import MakeMoves, run_chain, standard_moves
 from aero_bayes.estimate.moves import WarpedStudentT
 from aero_bayes.estimate.result import Fit
-from aero_bayes.estimate.target import Target
 from aero_bayes.modelica.compilers import export_fmu
 from aero_bayes.simulation.engines import open_simulator
 from aero_bayes.simulation.model import Model
@@ -73,7 +73,7 @@ def paper_fit(folder: Path) -> Fit:
     return fit(recording, model, settings=settings)
 
 
-def density(fit: Fit, target: Target) -> Density:
+def density(fit: Fit, target: LogPosterior) -> Density:
     """Make the log-posterior of the eight parameters with the noise held."""
     noise = target.objective.noise_rows(fit.noise)
 
@@ -123,7 +123,7 @@ def compared(key: str, name: str, own: Sampled, other: Sampled, per_evaluation: 
 def rows(fit: Fit, evaluations: int) -> Iterator[Row]:
     """Run all samplers, and return each comparison as it ends."""
     with open_simulator(fit.calibration.problem()) as simulator:
-        value = density(fit, Target(fit.calibration, simulator, fit.values, fit.free))
+        value = density(fit, LogPosterior(fit.calibration, simulator, fit.values, fit.free))
         value(fit.laplace.mean[None, : len(fit.free)])
         own = own_sampler(fit, value, OURS)
         stretch = own_sampler(fit, value, STRETCH, lambda adaptation, prior: [(StretchMove(), 1.0)])

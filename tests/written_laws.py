@@ -16,7 +16,7 @@ from aero_bayes.laws.attach import LawBlocks, attached
 from aero_bayes.laws.candidates import PlacedLaw, find_candidates, place_law, ports_with_laws
 from aero_bayes.laws.coupled_fmu import couple
 from aero_bayes.laws.law import Law
-from aero_bayes.laws.open_ports import open_model
+from aero_bayes.laws.probed_model import probed_model
 from aero_bayes.laws.write_model import WrittenModel, reserved_names, write_laws
 from aero_bayes.modelica.embedded import export_flat
 from aero_bayes.modelica.flat import FlatModel
@@ -50,7 +50,7 @@ def attached_to(flat: FlatModel, placed_laws: Sequence[PlacedLaw], blocks: LawBl
     """The model with laws attached. Raises AlgebraicLoopError where they have to be compiled with it."""
     folder.mkdir(parents=True, exist_ok=True)
     base = Model.load(export_flat(flat, folder / "base.fmu"))
-    opened = open_model(base, placed_laws, flat, lambda wider: Model.load(export_flat(wider, folder / "open.fmu")))
+    opened = probed_model(base, placed_laws, flat, lambda wider: Model.load(export_flat(wider, folder / "open.fmu")))
     couple(attached(opened, placed_laws, blocks), folder / "attached.fmu")
     return Model.load(folder / "attached.fmu")
 

@@ -6,7 +6,7 @@ import heated_room
 import numpy as np
 import pytest
 
-from aero_bayes.data import Recording, screen
+from aero_bayes.data import Recording, mend
 from aero_bayes.data.held import held_period
 
 pytestmark = pytest.mark.fast
@@ -28,7 +28,7 @@ def test_each_message_counts_once_where_it_came(period: float) -> None:
     whole = heated_room.recording()
     came = messages(whole.rows, period, 0.7)
     given = heated_room.with_readings(whole, lambda v: repeated(v, came))
-    (part,) = screen(given)
+    (part,) = mend(given)
     (finding,) = part.findings
     assert (finding.kind, finding.signal, finding.mended) == ("held", "T", True)
     kept = np.isfinite(part.outputs["T"])
@@ -68,5 +68,5 @@ OTHERS = {
 def test_other_repeats_are_no_messages(kind: str) -> None:
     values, inputs = OTHERS[kind]
     assert held_period(values, inputs) is None
-    (part,) = screen(Recording("run", TIME.astype(float), inputs, {"y": values}))
+    (part,) = mend(Recording("run", TIME.astype(float), inputs, {"y": values}))
     assert "held" not in {finding.kind for finding in part.findings}

@@ -8,7 +8,7 @@ import pytest
 
 from aero_bayes.estimate import Normal
 from aero_bayes.estimate.fit import fit_calibration
-from aero_bayes.estimate.laplace import BLOCK_COUNT, LinearisedFit, blocks_of_time, conformal_quantile
+from aero_bayes.estimate.intervals import BLOCK_COUNT, LinearisedFit, blocks_of_time, conformal_quantile
 from aero_bayes.estimate.levenberg_marquardt import FitSettings
 from aero_bayes.estimate.noise import residual_correlation_time
 from aero_bayes.estimate.result import Fit

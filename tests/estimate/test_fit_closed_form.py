@@ -12,9 +12,9 @@ from aero_bayes.estimate import LogUniform, Normal, Uniform
 from aero_bayes.estimate.identifiability import Status
 from aero_bayes.estimate.levenberg_marquardt import FitSettings, LocalSettings
 from aero_bayes.estimate.local_fit import LocalFitSettings, local_fit
+from aero_bayes.estimate.log_posterior import profile_likelihood
 from aero_bayes.estimate.objective import Objective
 from aero_bayes.estimate.swarm import SwarmSettings
-from aero_bayes.estimate.target import profile_likelihood
 
 pytestmark = pytest.mark.fast
 

@@ -17,7 +17,7 @@ from numpy.random import Generator
 import aero_bayes
 from aero_bayes import FitSettings, Recording
 from aero_bayes.estimate import CalibrationSettings, ParameterSpec
-from aero_bayes.estimate.initial_states import screened
+from aero_bayes.estimate.initial_states import mended_recordings
 from aero_bayes.simulation.model import Model
 from aero_bayes.simulation.probed_facts import start_parameters
 
@@ -108,7 +108,7 @@ def test_parts_of_a_recording_share_its_value(exported: Callable[[str], Model], 
     fit = aero_bayes.fit(recordings, exported(LAG), parameters=SEARCHED, settings=LOCAL, workers=0)
     parts = fit.calibration.data.recordings
     assert len(parts) == 3
-    assert screened(parts, fit.calibration.model) == parts  # what was mended is not mended again
+    assert mended_recordings(parts, fit.calibration.model) == parts  # what was mended is not mended again
     assert [n for n in fit.parameters if n.startswith("gain")] == ["gain@empty", "gain@loaded"]
     for name, truth in (("gain@empty", 2.0), ("gain@loaded", 3.5)):
         assert abs(fit[name].value - truth) < 4.0 * (fit[name].sd or 0.0)

@@ -11,12 +11,12 @@ from scipy.signal import lfilter
 from scipy.stats import norm, t
 
 from aero_bayes.estimate import NoiseModel, Normal
-from aero_bayes.estimate.laplace import curvature_adjustment, jackknife_covariance, widened_covariance
+from aero_bayes.estimate.intervals import curvature_adjustment, jackknife_covariance, widened_covariance
 from aero_bayes.estimate.levenberg_marquardt import LocalSettings
 from aero_bayes.estimate.local_fit import LocalFitSettings, Optimum, local_fit
+from aero_bayes.estimate.log_posterior import CurvatureAdjustment
 from aero_bayes.estimate.noise import OutputNoise, SampleTimes
 from aero_bayes.estimate.objective import Objective, Series
-from aero_bayes.estimate.target import CurvatureAdjustment
 
 EXACT = LocalFitSettings(LocalSettings(tolerance=1e-9), hold_noise=True, prior=False)
 HELD = OutputNoise(1.0, model_error=True)
@@ -150,7 +150,7 @@ def test_the_loops_intervals_are_those_of_a_fit():
     problem = closed_form.calibration([(TIME, y[:, None])], ["y"], items, NoiseModel("auto"))
     found = closed_form.fitted(line, problem)
     assert found.noise["y"].model_error
-    assert found.spread is not None
+    assert found.widening is not None
     assert found.laplace.covariance == pytest.approx(found.optimum.covariance, rel=1e-6)
 
 

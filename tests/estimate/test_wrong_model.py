@@ -94,7 +94,7 @@ def test_the_right_model_says_nothing(exported):
     readings = linear(10.0, 0.6) + NOISE * np.random.default_rng(5).standard_normal(TIME.size)
     found = fitted_spring(exported(LINEAR_SPRING), readings, FitSettings("local", calibration=HELD_STARTS))
     assert found.warnings == ()
-    assert found.spread is None
+    assert found.widening is None
     for name, truth in (("k", 10.0), ("d", 0.6)):
         assert abs(found[name].value - truth) < 4.5 * found[name].sd
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.interpolate import RegularGridInterpolator
 
-from aero_bayes.modelica.arrays import Value
+from aero_bayes.modelica.array_values import Value
 from aero_bayes.modelica.expression import Builder, Node, evaluate_nodes
 from aero_bayes.modelica.operators import Events, call_table
 

@@ -15,10 +15,10 @@ from aero_bayes.estimate.calibration import calibrate
 from aero_bayes.estimate.convergence import SampleSettings
 from aero_bayes.estimate.fit import fit_calibration
 from aero_bayes.estimate.levenberg_marquardt import FitSettings
+from aero_bayes.estimate.log_posterior import JointLogPosterior, LogPosterior, NoiseLayout
 from aero_bayes.estimate.mcmc import run_chain
 from aero_bayes.estimate.moves import WarpedStudentT
 from aero_bayes.estimate.parameters import Parameter, ParameterSet
-from aero_bayes.estimate.target import JointTarget, NoiseLayout, Target
 from aero_bayes.modelica.compilers import export_fmu
 from aero_bayes.simulation.engines import open_simulator
 from aero_bayes.simulation.interface import ParameterTarget, StartTarget
@@ -56,7 +56,7 @@ def test_means_are_those_of_stan(tmp_path, trust):
     found = fit_calibration(calibration, lambda p: open_simulator(p, workers=0), settings)
     with open_simulator(calibration.problem(), workers=0) as simulator:
         layout = replace(NoiseLayout.of(calibration.data, found.noise), centre=np.full((2, 3), -1.0), sigma=1.0)
-        density = JointTarget(Target(calibration, simulator, found.values, found.free), layout)
+        density = JointLogPosterior(LogPosterior(calibration, simulator, found.values, found.free), layout)
         proposal = WarpedStudentT.of(found.laplace.mean, found.laplace.covariance, 8.0)
         chain = run_chain(density, proposal, SampleSettings(ess=2000.0, max_steps=6000, max_minutes=15.0), seed=5)
     assert chain.converged, chain.reason

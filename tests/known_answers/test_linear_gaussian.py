@@ -16,11 +16,11 @@ from aero_bayes.estimate.calibration import calibrate
 from aero_bayes.estimate.convergence import SampleSettings
 from aero_bayes.estimate.fit import fit_calibration
 from aero_bayes.estimate.levenberg_marquardt import FitSettings
+from aero_bayes.estimate.log_posterior import NoiseLayout
 from aero_bayes.estimate.mcmc import run_chain
 from aero_bayes.estimate.moves import WarpedStudentT
 from aero_bayes.estimate.parameters import Parameter, ParameterSet
 from aero_bayes.estimate.sampled_modes import importance_sample, pareto_smooth
-from aero_bayes.estimate.target import NoiseLayout
 from aero_bayes.modelica.compilers import export_fmu
 from aero_bayes.simulation.engines import open_simulator
 from aero_bayes.simulation.interface import ParameterTarget, SolverSettings

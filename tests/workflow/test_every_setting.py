@@ -15,7 +15,7 @@ import xarray
 from pydantic import BaseModel
 
 from aero_bayes.commands.job import Job, RunOptions, open_job
-from aero_bayes.commands.loop import fit_settings, loop_settings, sample_settings
+from aero_bayes.commands.stages import fit_settings, loop_settings, sample_settings
 from aero_bayes.config import Config, load_config
 from aero_bayes.laws.law_places import CandidateFilter
 from aero_bayes.modelica.compilers import export_fmu

@@ -31,7 +31,7 @@ from aero_bayes.commands.job import (
     tell_notes,
     which_model,
 )
-from aero_bayes.commands.loop import (
+from aero_bayes.commands.stages import (
     fit_settings,
     loop_part,
     loop_settings,
@@ -41,15 +41,15 @@ from aero_bayes.commands.loop import (
     with_chosen_values,
 )
 from aero_bayes.config import Config, ModelSection, load_config
+from aero_bayes.data.mend import mend
 from aero_bayes.data.recording import Recording
-from aero_bayes.data.screen import screen
 from aero_bayes.display import join_names, parameter_lines
 from aero_bayes.errors import CannotFinishError, InputError
 from aero_bayes.estimate.calibrated_model import CalibratedModel
 from aero_bayes.estimate.crossvalidation import leave_one_recording_out
+from aero_bayes.estimate.exports import ValueTrial, trials_sentence
 from aero_bayes.estimate.fit import fit
-from aero_bayes.estimate.initial_states import check_plausible, screened
-from aero_bayes.estimate.other_tools import ValueTrial, trials_sentence
+from aero_bayes.estimate.initial_states import check_plausible, mended_recordings
 from aero_bayes.estimate.residual_tests import check_residuals, reports_by_recording
 from aero_bayes.estimate.result import Fit
 from aero_bayes.estimate.stored_fit import store
@@ -178,7 +178,9 @@ def run_check(files: Sequence[Path], config_path: Path | None, model_name: str |
     if model is not None:
         check_plausible(recordings, model)
         tell_inputs(model, recordings)
-    found = screened(recordings, model) if model is not None else [part for r in recordings for part in screen(r)]
+    found = (
+        mended_recordings(recordings, model) if model is not None else [part for r in recordings for part in mend(r)]
+    )
     tell_findings(found)
     click.echo("\n\n".join(str(recording.summary()) for recording in recordings))
 

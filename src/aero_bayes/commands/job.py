@@ -17,7 +17,7 @@ from aero_bayes.errors import InputError
 from aero_bayes.estimate.calibrated_model import ListedValue, combinations
 from aero_bayes.estimate.fit import declared_overrides
 from aero_bayes.estimate.fittable import no_parameter_text
-from aero_bayes.estimate.initial_states import check_plausible, screened
+from aero_bayes.estimate.initial_states import check_plausible, mended_recordings
 from aero_bayes.estimate.parameters import ParameterSet, ParameterSpec, parameters_from_model, with_joint_prior
 from aero_bayes.estimate.priors import LogNormal, LogUniform, Normal, Prior, Uniform
 from aero_bayes.files import one_run_at_a_time, write_whole
@@ -123,7 +123,7 @@ def open_job(
     parameters = fit_parameters(model, config)
     fixed = _fixed(model, config, parameters)
     recordings, confirming, test_recordings = (
-        screened(given, model) for given in (recordings, confirming, test_recordings)
+        mended_recordings(given, model) for given in (recordings, confirming, test_recordings)
     )
     tell_notes(read)
     tell_inputs(model, read)

@@ -14,7 +14,7 @@ from typing import Any
 import click
 
 from aero_bayes.commands.job import RunOptions, open_job, which_model, without_units
-from aero_bayes.commands.loop import fit_settings
+from aero_bayes.commands.stages import fit_settings
 from aero_bayes.config import load_config
 from aero_bayes.display import join_names, with_unit
 from aero_bayes.errors import InputError

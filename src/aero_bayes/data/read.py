@@ -19,8 +19,8 @@ from aero_bayes.data.checks import MIN_SAMPLES, check_recording
 from aero_bayes.data.columns import ColumnMap, Layout, Rows, split_unit
 from aero_bayes.data.logs import log_table
 from aero_bayes.data.matlab import matlab_table
+from aero_bayes.data.mend import from_first_message, hide, with_counters, with_steady_clock
 from aero_bayes.data.recording import Recording, with_means
-from aero_bayes.data.screen import from_first_message, hide, with_counters, with_steady_clock
 from aero_bayes.data.table import Signals, Table, column_called, joined, read_signals, without_repeats
 from aero_bayes.data.tables import TextFile, frame_table
 from aero_bayes.errors import InputError

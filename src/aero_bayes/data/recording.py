@@ -51,7 +51,7 @@ class Recording:
     path : Path, optional
         Where it was read from.
     findings : tuple of DataFinding
-        Faults of the readings that were found, see :func:`aero_bayes.data.screen`.
+        Faults of the readings that were found, see :func:`aero_bayes.data.mend`.
     resumes : bool
         Whether it begins in mid-motion after a gap, so that the initial value of every state is estimated.
     part_of : str
@@ -158,7 +158,7 @@ class Recording:
         """
         import pandas
 
-        from aero_bayes.data.screen import with_steady_clock
+        from aero_bayes.data.mend import with_steady_clock
 
         if not hasattr(frame, "columns"):
             raise InputError(f"frame: expected a data frame of pandas, got {type(frame).__name__}")

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from aero_bayes.data.held import held_period
-from aero_bayes.data.noise import NoiseFloor, output_noise_floor
+from aero_bayes.data.mend import stuck_rows
+from aero_bayes.data.noise_floor import NoiseFloor, output_noise_floor
 from aero_bayes.data.recording import Recording
-from aero_bayes.data.screen import stuck_rows
 from aero_bayes.display import table_html, with_unit
 
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from aero_bayes.arrays import FloatArray
 from aero_bayes.checkpoint import digest
-from aero_bayes.data.noise import quantisation_step
+from aero_bayes.data.noise_floor import quantisation_step
 from aero_bayes.data.recording import Recording, to_experiment
 from aero_bayes.errors import InputError
 from aero_bayes.estimate.initial_states import (

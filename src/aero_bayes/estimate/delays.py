@@ -19,10 +19,10 @@ from aero_bayes.estimate.levenberg_marquardt import (
     levenberg_marquardt,
 )
 from aero_bayes.estimate.local_fit import Optimum
+from aero_bayes.estimate.log_posterior import LogPosterior
 from aero_bayes.estimate.measured_data import rows_of_first_readings, thin
 from aero_bayes.estimate.objective import Objective
 from aero_bayes.estimate.parameters import Parameter
-from aero_bayes.estimate.target import Target
 from aero_bayes.simulation.interface import DelayTarget, Experiment, InputSignal, Outcome, Simulator
 
 #: Gain in log-probability at which another local optimum is preferred.
@@ -78,7 +78,7 @@ def better_delays(objective: Objective, here: Optimum, free: Sequence[int], *, p
     if not delay_columns(objective, free):
         return None
     calibration, noise = objective.calibration, objective.noise_rows(here.noise)
-    target = Target(
+    target = LogPosterior(
         calibration, objective.simulator, calibration.parameters.from_search(here.coordinates), free, prior=prior
     )
     cost_function, (low, high), point = target.cost_function(here.noise), target.box, here.coordinates[list(free)]
@@ -99,7 +99,7 @@ def better_delays(objective: Objective, here: Optimum, free: Sequence[int], *, p
 
 
 def _starts(
-    target: Target, point: FloatArray, noise: FloatArray, k: int, item: Parameter, intervals: Sequence[float]
+    target: LogPosterior, point: FloatArray, noise: FloatArray, k: int, item: Parameter, intervals: Sequence[float]
 ) -> list[FloatArray]:
     """List the point itself, then the best points of a scan over one delay; empty if there is nothing to scan."""
     if not isinstance(item.target, DelayTarget):

@@ -13,10 +13,10 @@ from aero_bayes.arrays import FloatArray
 from aero_bayes.display import join_names, table_html, with_unit
 from aero_bayes.errors import InputError
 from aero_bayes.estimate.calibration import Calibration
+from aero_bayes.estimate.exports import noise_by_recording
 from aero_bayes.estimate.identifiability import Status
 from aero_bayes.estimate.levenberg_marquardt import Stop
 from aero_bayes.estimate.noise import FALSE_ALARM_RATE, autocorrelation
-from aero_bayes.estimate.other_tools import noise_by_recording
 from aero_bayes.estimate.residual_tests import ResidualReport, exact_level, structured_residuals
 from aero_bayes.modelica.rumoca_front import load_flat
 from aero_bayes.modelica.syntax import Call, Expression, Number, names_in, walk

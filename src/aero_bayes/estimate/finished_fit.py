@@ -10,16 +10,16 @@ import numpy as np
 from aero_bayes.arrays import FloatArray
 from aero_bayes.display import with_unit
 from aero_bayes.estimate.delays import settle_blind
+from aero_bayes.estimate.exports import structure_warnings
 from aero_bayes.estimate.global_search import GlobalSearch
 from aero_bayes.estimate.identifiability import NO_DERIVATIVE, OPEN_ENDS, Identifiability, Status, assess
-from aero_bayes.estimate.laplace import Laplace, curvature_adjustment, noise_covariance, widened_covariance
+from aero_bayes.estimate.intervals import Laplace, curvature_adjustment, noise_covariance, widened_covariance
 from aero_bayes.estimate.levenberg_marquardt import LocalSettings, Stop
 from aero_bayes.estimate.local_fit import Optimum
+from aero_bayes.estimate.log_posterior import NoiseLayout
 from aero_bayes.estimate.objective import Evaluation, Objective
-from aero_bayes.estimate.other_tools import structure_warnings
 from aero_bayes.estimate.parameters import ParameterSet
 from aero_bayes.estimate.result import Fit
-from aero_bayes.estimate.target import NoiseLayout
 from aero_bayes.simulation.interface import NORMAL_HALF_WIDTH, Outcome, ParameterTarget
 
 #: How many times as far the log-likelihood may fall at an end as a linear model says, or as little, and the least fall
@@ -107,9 +107,9 @@ def assess_columns(objective: Objective, here: Optimum, columns: tuple[int, ...]
     white = objective.whiten(found, here.noise)
     wide = replace(here, free=columns, evaluation=found, whitened=white)
     information = white.information
-    spread = curvature_adjustment(objective, wide)
-    if spread is not None:
-        information = spread.map.T @ information @ spread.map
+    widening = curvature_adjustment(objective, wide)
+    if widening is not None:
+        information = widening.map.T @ information @ widening.map
     values = objective.parameters.from_search(here.coordinates)[list(columns)]
     verdict = assess(part.names, values, [p.scale == "log" for p in part], information, part.prior_sd())
     return verdict, wide
@@ -178,7 +178,7 @@ def at_optimum(fit: Fit, objective: Objective, end: Optimum) -> Fit:
     fitted = _predicted(objective, values, end)
     return replace(
         fit, values=values, optimum=end, laplace=_laplace(objective, end, fitted),
-        spread=curvature_adjustment(objective, end), fitted=fitted, modes=(),
+        widening=curvature_adjustment(objective, end), fitted=fitted, modes=(),
         residuals=tuple(y - f for y, f in zip(objective.calibration.data.readings, fitted, strict=True)),
         log_posterior=end.whitened.log_likelihood + end.log_prior,
     )  # fmt: skip
@@ -220,7 +220,7 @@ def finished_fit(search: GlobalSearch, here: Optimum, seconds: float, first: Glo
         identifiability=verdict,
         laplace=laplace,
         failed_intervals=failed_intervals(objective, here, laplace),
-        spread=curvature_adjustment(objective, here),
+        widening=curvature_adjustment(objective, here),
         log_posterior=likelihood + float(part.log_prior(point[None, list(sampled)])[0]),
         fitted=fitted,
         residuals=tuple(y - f for y, f in zip(calibration.data.readings, fitted, strict=True)),

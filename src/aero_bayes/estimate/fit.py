@@ -20,22 +20,22 @@ from aero_bayes.declared import DeclaredParameter
 from aero_bayes.errors import CannotFinishError, InputError
 from aero_bayes.estimate.calibrated_model import ValueCombination, combinations, compiled, split_values
 from aero_bayes.estimate.calibration import Calibration, calibrate
+from aero_bayes.estimate.data_hypotheses import with_misread_finding
+from aero_bayes.estimate.exports import ValueTrial
 from aero_bayes.estimate.feedback import with_feedback
 from aero_bayes.estimate.finished_fit import finished_fit, with_identified
 from aero_bayes.estimate.global_search import GlobalSearch
 from aero_bayes.estimate.held_starts import with_start_finding
 from aero_bayes.estimate.held_values import with_held_beside
-from aero_bayes.estimate.initial_states import screened
+from aero_bayes.estimate.initial_states import mended_recordings
 from aero_bayes.estimate.input_noise import with_input_noise
 from aero_bayes.estimate.interpolation import choose_interpolation
 from aero_bayes.estimate.levenberg_marquardt import FitSettings
 from aero_bayes.estimate.local_fit import OpenSimulator, Optimum
-from aero_bayes.estimate.misread import with_misread_finding
 from aero_bayes.estimate.modes import Mode, find_modes, likelihood_temperature
 from aero_bayes.estimate.noise_estimation import describe_sensors
 from aero_bayes.estimate.objective import objective_of
 from aero_bayes.estimate.other_reading import Refits
-from aero_bayes.estimate.other_tools import ValueTrial
 from aero_bayes.estimate.outliers import choose_spreads, is_correlated, refit_with_spread, without_outliers
 from aero_bayes.estimate.parameters import ChosenParameters, ParameterSet, ParameterSpec, chosen_parameters
 from aero_bayes.estimate.priors import LogNormal
@@ -136,7 +136,7 @@ def fit(
     with threadpool_limits(limits=1, user_api="blas"), watching(progress) as watched:
         cache = Checkpoint.at(checkpoint)
         request = _Request(model, parameters, settings or FitSettings(), seed, workers, watched, cache)
-        found = request.finished(screened(recordings, model))
+        found = request.finished(mended_recordings(recordings, model))
         return request.explained(found) if explain and not watched.asked_to_end else found
 
 

@@ -24,7 +24,7 @@ from aero_bayes.estimate.delays import (
     with_few_samples,
     with_loose_solver,
 )
-from aero_bayes.estimate.laplace import with_robust_covariance
+from aero_bayes.estimate.intervals import with_robust_covariance
 from aero_bayes.estimate.levenberg_marquardt import FitSettings, Stage, stages_by_effect
 from aero_bayes.estimate.local_fit import (
     LocalFitSettings,
@@ -34,6 +34,7 @@ from aero_bayes.estimate.local_fit import (
     fit_progressive_horizon,
     local_fit,
 )
+from aero_bayes.estimate.log_posterior import LogPosterior
 from aero_bayes.estimate.noise import (
     FALSE_ALARM_RATE,
     NoiseKind,
@@ -44,7 +45,6 @@ from aero_bayes.estimate.noise import (
 )
 from aero_bayes.estimate.noise_estimation import estimate_noise, whiten
 from aero_bayes.estimate.objective import Objective
-from aero_bayes.estimate.target import Target
 from aero_bayes.plain import Number
 from aero_bayes.progress import Progress, Watched
 
@@ -311,7 +311,7 @@ class GlobalSearch:
         limit = self.settings.swarm.iterations
         values = self.objective.parameters.from_search(start)
         with open_simulator(reduced.problem()) as simulator:
-            target = Target(reduced, simulator, values, free, prior=self.settings.cost == "posterior")
+            target = LogPosterior(reduced, simulator, values, free, prior=self.settings.cost == "posterior")
             reduced_objective = self.objective.with_calibration(reduced, simulator)
             rows = reduced_objective.noise_rows(self.initial_noise())
             low, high = target.box

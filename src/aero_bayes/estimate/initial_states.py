@@ -15,10 +15,10 @@ import numpy as np
 from aero_bayes.arguments import names_of
 from aero_bayes.arrays import FloatArray
 from aero_bayes.data.columns import ColumnMap, noise_size
-from aero_bayes.data.noise import output_noise_floor
+from aero_bayes.data.mend import mend
+from aero_bayes.data.noise_floor import output_noise_floor
 from aero_bayes.data.read import column_names
 from aero_bayes.data.recording import Recording
-from aero_bayes.data.screen import screen
 from aero_bayes.display import SettingsDisplay
 from aero_bayes.errors import InputError
 from aero_bayes.estimate.measured_data import readings_of
@@ -288,12 +288,12 @@ def check_plausible(recordings: Iterable[Recording], model: Model) -> None:
         _check_temperatures(recording, model)
 
 
-def screened(recordings: Sequence[Recording], model: Model) -> tuple[Recording, ...]:
+def mended_recordings(recordings: Sequence[Recording], model: Model) -> tuple[Recording, ...]:
     """Mend and tell faults of recordings that were not mended yet, and cut these at gaps; in the model's units."""
     found: list[Recording] = []
     for recording in recordings:
         own = in_units_of(model, recording)
-        found += [own] if own.mended else [replace(part, mended=True) for part in screen(own)]
+        found += [own] if own.mended else [replace(part, mended=True) for part in mend(own)]
     return tuple(found)
 
 

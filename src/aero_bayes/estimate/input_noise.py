@@ -13,7 +13,7 @@ import numpy as np
 
 from aero_bayes.arrays import FloatArray
 from aero_bayes.data.find_table import DataFinding
-from aero_bayes.data.noise import noise_floor
+from aero_bayes.data.noise_floor import noise_floor
 from aero_bayes.data.recording import Recording
 from aero_bayes.display import with_unit
 from aero_bayes.estimate.identifiability import BIASED

@@ -17,7 +17,7 @@ import numpy as np
 
 from aero_bayes.arrays import FloatArray
 from aero_bayes.checkpoint import Arrays, pack, unpack
-from aero_bayes.data.noise import noise_floors
+from aero_bayes.data.noise_floor import noise_floors
 from aero_bayes.errors import CannotFinishError
 from aero_bayes.estimate.levenberg_marquardt import (
     LocalResult,

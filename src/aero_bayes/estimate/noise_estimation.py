@@ -15,7 +15,7 @@ import scipy  # imports its parts when they are first used
 from numpy.typing import NDArray
 
 from aero_bayes.arrays import FloatArray
-from aero_bayes.data.noise import quantisation_step
+from aero_bayes.data.noise_floor import quantisation_step
 from aero_bayes.estimate.noise import NoiseKind, OutputNoise, SampleTimes
 from aero_bayes.simulation.worker_group import engine_path
 

@@ -18,9 +18,9 @@ from scipy.ndimage import maximum_filter1d, median_filter, minimum_filter1d
 from aero_bayes.arrays import FloatArray
 from aero_bayes.data.columns import MAD_TO_SD, Mask, after_changes, runs
 from aero_bayes.data.find_table import DataFinding
-from aero_bayes.data.noise import quantisation_step
+from aero_bayes.data.mend import hide
+from aero_bayes.data.noise_floor import quantisation_step
 from aero_bayes.data.recording import Recording
-from aero_bayes.data.screen import hide
 from aero_bayes.display import with_unit
 from aero_bayes.estimate.global_search import GlobalSearch
 from aero_bayes.estimate.local_fit import Optimum

@@ -23,9 +23,9 @@ from aero_bayes.arrays import FloatArray
 from aero_bayes.errors import InputError
 from aero_bayes.estimate.calibration import Calibration
 from aero_bayes.estimate.convergence import Convergence
+from aero_bayes.estimate.exports import chosen_estimates, noise_table, process_noise_table
 from aero_bayes.estimate.identifiability import Estimate, Status, estimates_html, status_of
 from aero_bayes.estimate.noise import OutputNoise
-from aero_bayes.estimate.other_tools import chosen_estimates, noise_table, process_noise_table
 from aero_bayes.estimate.parameters import Parameter, ParameterSet
 from aero_bayes.estimate.prediction import FittedPredictor, FittedResult, Predictive
 from aero_bayes.estimate.result import Fit

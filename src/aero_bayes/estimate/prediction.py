@@ -17,10 +17,10 @@ from aero_bayes.display import join_names, parameter_lines, table_html
 from aero_bayes.errors import CannotFinishError, InputError
 from aero_bayes.estimate.calibration import Calibration
 from aero_bayes.estimate.identifiability import Estimate
+from aero_bayes.estimate.log_posterior import NoiseLayout
 from aero_bayes.estimate.noise import OutputNoise
 from aero_bayes.estimate.noise_estimation import reading_log_density
 from aero_bayes.estimate.simulate import as_recording, on_recordings, opener
-from aero_bayes.estimate.target import NoiseLayout
 from aero_bayes.figures import Picture, drawn
 from aero_bayes.plain import plain
 from aero_bayes.simulation.interface import Outcome, Simulator

@@ -14,21 +14,12 @@ from pydantic import Field
 
 from aero_bayes.arguments import require_type
 from aero_bayes.arrays import FloatArray
-from aero_bayes.data.noise import noise_floors
+from aero_bayes.data.noise_floor import noise_floors
 from aero_bayes.data.recording import Recording
 from aero_bayes.display import with_unit
 from aero_bayes.estimate.calibration import Calibration
 from aero_bayes.estimate.diagnosis import Diagnosis, diagnose
-from aero_bayes.estimate.global_search import StageReport
-from aero_bayes.estimate.identifiability import ROUNDED, Estimate, Identifiability, estimates_html
-from aero_bayes.estimate.laplace import Laplace, band_factors, laplace_estimates
-from aero_bayes.estimate.levenberg_marquardt import FitSettings, Stop
-from aero_bayes.estimate.local_fit import Optimum
-from aero_bayes.estimate.modes import Mode, modes_sentence
-from aero_bayes.estimate.noise import OutputNoise
-from aero_bayes.estimate.noise_estimation import Sensor
-from aero_bayes.estimate.objective import Series
-from aero_bayes.estimate.other_tools import (
+from aero_bayes.estimate.exports import (
     OtherTools,
     ValueTrial,
     chosen_estimates,
@@ -36,12 +27,21 @@ from aero_bayes.estimate.other_tools import (
     process_noise_table,
     trials_sentence,
 )
+from aero_bayes.estimate.global_search import StageReport
+from aero_bayes.estimate.identifiability import ROUNDED, Estimate, Identifiability, estimates_html
+from aero_bayes.estimate.intervals import Laplace, band_factors, laplace_estimates
+from aero_bayes.estimate.levenberg_marquardt import FitSettings, Stop
+from aero_bayes.estimate.local_fit import Optimum
+from aero_bayes.estimate.log_posterior import CurvatureAdjustment, JointLogPosterior, LogPosterior, NoiseLayout
+from aero_bayes.estimate.modes import Mode, modes_sentence
+from aero_bayes.estimate.noise import OutputNoise
+from aero_bayes.estimate.noise_estimation import Sensor
+from aero_bayes.estimate.objective import Series
 from aero_bayes.estimate.parameters import ParameterSet
 from aero_bayes.estimate.prediction import FittedPredictor
 from aero_bayes.estimate.residual_tests import ResidualReport, check_residuals
 from aero_bayes.estimate.simulate import simulate
 from aero_bayes.estimate.swarm import SwarmResult, SwarmSummary
-from aero_bayes.estimate.target import CurvatureAdjustment, JointTarget, NoiseLayout, Target
 from aero_bayes.figures import HasPage, Picture, drawn
 from aero_bayes.plain import JsonNumber, JsonTable, picked, plain
 from aero_bayes.simulation.interface import Outcome, Simulator, SmoothedStates
@@ -117,7 +117,7 @@ class Fit(OtherTools, HasPage):
     series : tuple of Series
         What was compared, by recording and output, in the order of ``optimum``.
     identifiability : Identifiability
-    spread : CurvatureAdjustment, optional
+    widening : CurvatureAdjustment, optional
         Widens the likelihood where a residual is not noise.
     log_posterior : float
     fitted : tuple of ndarray, shape (n, m)
@@ -194,7 +194,7 @@ class Fit(OtherTools, HasPage):
     free: tuple[int, ...]
     series: tuple[Series, ...]
     identifiability: Identifiability
-    spread: CurvatureAdjustment | None
+    widening: CurvatureAdjustment | None
     log_posterior: float
     fitted: tuple[FloatArray, ...]
     stages: tuple[StageReport, ...]
@@ -264,13 +264,13 @@ class Fit(OtherTools, HasPage):
         """Simulations by how they ended."""
         return {outcome.key: count for outcome, count in self.outcomes.items()}
 
-    def target(self, simulator: Simulator) -> Target:
+    def target(self, simulator: Simulator) -> LogPosterior:
         """Return the log-posterior over the free parameters, through a simulator of the calibration's problem."""
-        return Target(self.calibration, simulator, self.values, self.free, spread=self.spread)
+        return LogPosterior(self.calibration, simulator, self.values, self.free, widening=self.widening)
 
-    def joint_target(self, simulator: Simulator) -> JointTarget:
+    def joint_target(self, simulator: Simulator) -> JointLogPosterior:
         """Return the log-posterior over free and noise parameters, through a ``simulator`` of the same problem."""
-        return JointTarget(self.target(simulator), NoiseLayout.of(self.calibration.data, self.noise))
+        return JointLogPosterior(self.target(simulator), NoiseLayout.of(self.calibration.data, self.noise))
 
     @cached_property
     def parameters(self) -> dict[str, Estimate]:

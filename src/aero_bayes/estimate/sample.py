@@ -16,6 +16,7 @@ from aero_bayes.arrays import FloatArray
 from aero_bayes.checkpoint import Checkpoint, digest
 from aero_bayes.errors import CannotFinishError, InputError
 from aero_bayes.estimate.convergence import Convergence, SampleSettings
+from aero_bayes.estimate.log_posterior import JointLogPosterior
 from aero_bayes.estimate.mcmc import Chain, run_chain
 from aero_bayes.estimate.moves import WarpedStudentT
 from aero_bayes.estimate.posterior import Posterior
@@ -30,7 +31,6 @@ from aero_bayes.estimate.sampled_modes import (
     mode_rows,
     mode_shares,
 )
-from aero_bayes.estimate.target import JointTarget
 from aero_bayes.progress import Progress, Watched, watching
 from aero_bayes.simulation.engines import open_simulator
 from aero_bayes.simulation.interface import Simulator
@@ -130,7 +130,7 @@ def _sample(
         shares = mode_shares(fits, regions, chains, rng)
         points, density, counts = mixed([_thin(chain, settings.draws) for chain in chains], shares, rng)
         told = mode_rows(fits, chains, shares, counts)
-        joints[0].target.spread = NearestAdjustment.of_fits(fits)
+        joints[0].target.widening = NearestAdjustment.of_fits(fits)
     joint = joints[0]
     count = max(1, settings.predictive // len(points))
     rows = np.unique(np.linspace(0, points.shape[1] - 1, count).astype(np.int64))
@@ -139,7 +139,7 @@ def _sample(
     predictive = predictives(
         target.calibration, simulator, target.values(own), noise, fit.predictor.band_factors, rng,
         read=target.calibration.data.measured, blocks=_BLOCKS,
-        likely=None if target.spread is None else target.values(target.spread(own)),
+        likely=None if target.widening is None else target.values(target.widening(own)),
     )  # fmt: skip
     short = [f"answer {k + 1} of {len(chains)}: {c.reason}" for k, c in enumerate(chains) if not c.converged]
     steps = min(chain.points.shape[1] for chain in chains)
@@ -182,7 +182,7 @@ def _thin(chain: Chain, draws: int) -> tuple[FloatArray, FloatArray]:
     return flat[:, rows], chain.log_density.reshape(ensembles, -1)[:, rows]
 
 
-def _physical(joint: JointTarget, points: FloatArray) -> FloatArray:
+def _physical(joint: JointLogPosterior, points: FloatArray) -> FloatArray:
     free = len(joint.target.free)
     return np.concatenate(
         [joint.target.parameters.from_search(points[..., :free]), np.exp(points[..., free:])], axis=-1

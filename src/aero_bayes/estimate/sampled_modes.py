@@ -16,12 +16,12 @@ from aero_bayes.errors import CannotFinishError
 from aero_bayes.estimate.finished_fit import at_optimum
 from aero_bayes.estimate.levenberg_marquardt import Stop
 from aero_bayes.estimate.local_fit import LocalFitSettings, local_fit
+from aero_bayes.estimate.log_posterior import CurvatureAdjustment, JointLogPosterior
 from aero_bayes.estimate.mcmc import Chain
 from aero_bayes.estimate.modes import Mode, is_another, likelihood_temperature
 from aero_bayes.estimate.moves import WarpedStudentT
 from aero_bayes.estimate.objective import objective_of
 from aero_bayes.estimate.result import Fit
-from aero_bayes.estimate.target import CurvatureAdjustment, JointTarget
 from aero_bayes.simulation.interface import Simulator
 
 #: Shape above which an estimate from smoothed weights is not to be trusted.
@@ -129,10 +129,10 @@ def mode_fits(fit: Fit, simulator: Simulator) -> tuple[Fit, ...]:
     return tuple(found)
 
 
-class Region(JointTarget):
+class Region(JointLogPosterior):
     """The joint log-posterior around one mode: minus infinity at points that are nearer to another one."""
 
-    def __init__(self, joint: JointTarget, fits: Sequence[Fit], own: int) -> None:
+    def __init__(self, joint: JointLogPosterior, fits: Sequence[Fit], own: int) -> None:
         super().__init__(joint.target, joint.layout)
         self.own, self._nearest = own, NearestMode.of(fits)
 
@@ -174,7 +174,7 @@ class NearestAdjustment(CurvatureAdjustment):
     @classmethod
     def of_fits(cls, fits: Sequence[Fit]) -> NearestAdjustment | None:
         """Return the adjustment of fits at the modes; None where noise describes their residuals."""
-        parts = tuple(fit.spread for fit in fits if fit.spread is not None)
+        parts = tuple(fit.widening for fit in fits if fit.widening is not None)
         if len(parts) < len(fits):
             return None
         return cls(parts[0].centre, parts[0].map, parts[0].prior, parts, NearestMode.of(fits))
@@ -195,7 +195,7 @@ def mode_shares(
     temperature = likelihood_temperature(fits[0].optimum)
     laplace = [fit.optimum.laplace(fit.calibration.parameters, temperature)[1] for fit in fits]
     shares = np.exp(np.array(laplace) - max(laplace))
-    if all(fit.spread is None for fit in fits):
+    if all(fit.widening is None for fit in fits):
         pairs = zip(regions, chains, strict=True)
         drawn = [importance_sample(r, c.adaptation.proposal, INTEGRAL_DRAWS, rng) for r, c in pairs]
         if all(one.reliable for one in drawn):

@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 
 from aero_bayes.arrays import FloatArray
 from aero_bayes.data.initial_level import InitialLevel, initial_level
-from aero_bayes.data.noise import output_noise_floor
+from aero_bayes.data.noise_floor import output_noise_floor
 from aero_bayes.data.recording import Recording
 from aero_bayes.errors import CannotFinishError, InputError
 from aero_bayes.estimate.calibration import Calibration, assemble, for_recordings, templates

@@ -17,7 +17,7 @@ from aero_bayes.data.recording import Recording, to_experiment
 from aero_bayes.errors import InputError
 from aero_bayes.estimate.calibration import Calibration
 from aero_bayes.estimate.initial_states import CalibrationSettings
-from aero_bayes.estimate.laplace import Laplace
+from aero_bayes.estimate.intervals import Laplace
 from aero_bayes.estimate.measured_data import MeasuredData
 from aero_bayes.estimate.noise import OutputNoise
 from aero_bayes.estimate.parameters import Parameter, ParameterSet

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
 from aero_bayes.errors import InputError
-from aero_bayes.modelica.arrays import Value, scalars, shaped
+from aero_bayes.modelica.array_values import Value, scalars, shaped
 from aero_bayes.modelica.compose import attribute_value
 from aero_bayes.modelica.expression import Builder, Node
 from aero_bayes.modelica.flat import FlatEquation, FlatModel, FlatVariable, element_names

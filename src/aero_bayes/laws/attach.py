@@ -20,16 +20,16 @@ from aero_bayes.laws.coupled_fmu import (
     STATE,
     AttachedLaw,
     Coupling,
+    LinearSum,
     Relay,
     Setting,
     SignalOperator,
     Source,
-    Terms,
 )
 from aero_bayes.laws.held_step import step_of, with_held_step
 from aero_bayes.laws.law import Law
 from aero_bayes.laws.law_models import LawModels
-from aero_bayes.laws.open_ports import OpenModel, built_once
+from aero_bayes.laws.probed_model import ProbedModel, built_once
 from aero_bayes.laws.wiring import Read, WiredLaw, wiring
 from aero_bayes.modelica.causalisation import causalise
 from aero_bayes.modelica.codegen import HELD
@@ -141,7 +141,7 @@ def _simplified(flat: FlatModel) -> FlatModel:
     return replace(flat, variables=tuple(map(kept, flat.variables)))
 
 
-def attached(base: OpenModel, placed_laws: Sequence[PlacedLaw], blocks: LawBlocks) -> Coupling:
+def attached(base: ProbedModel, placed_laws: Sequence[PlacedLaw], blocks: LawBlocks) -> Coupling:
     """Couple a model with laws at its ports. Raises AlgebraicLoopError where they have to be solved together."""
     return _Attaching(base, placed_laws, blocks).coupling()
 
@@ -155,15 +155,15 @@ def _apart(operators: Sequence[SignalOperator], laws: Sequence[AttachedLaw]) -> 
 
 
 class _Attaching:
-    def __init__(self, base: OpenModel, placed_laws: Sequence[PlacedLaw], blocks: LawBlocks) -> None:
+    def __init__(self, base: ProbedModel, placed_laws: Sequence[PlacedLaw], blocks: LawBlocks) -> None:
         self.base, self.placed, self.blocks = base, placed_laws, blocks
         self.wires = {wired.law.instance: wired for wired in wiring(placed_laws)}
         self.parts = {placed.instance: k for k, placed in enumerate(placed_laws, 1)}
-        self.acting: dict[str, Terms] = {name: ((Source(INPUT, k), 1.0),) for k, name in enumerate(base.inputs)}
-        self.changed: dict[Signal, Terms] = {}
-        self.probed: dict[str, Terms] = {}
+        self.acting: dict[str, LinearSum] = {name: ((Source(INPUT, k), 1.0),) for k, name in enumerate(base.inputs)}
+        self.changed: dict[Signal, LinearSum] = {}
+        self.probed: dict[str, LinearSum] = {}
         self.outputs: dict[Signal, Source] = {}
-        self.given: dict[str, Terms] = {}
+        self.given: dict[str, LinearSum] = {}
         self.settings: list[Setting] = []
 
     def coupling(self) -> Coupling:
@@ -263,7 +263,7 @@ class _Attaching:
         variable = self.blocks.model(placed).output(output or placed.law.interface.output)
         return Source(self.parts[placed.instance], variable.value_reference)
 
-    def _terms(self, signal: Signal, *, raw: bool) -> Terms:
+    def _terms(self, signal: Signal, *, raw: bool) -> LinearSum:
         """Return a signal, or the variables that it adds up, by values that are known."""
         if signal in self.changed and not raw:
             return self.changed[signal]
@@ -279,11 +279,11 @@ class _Attaching:
                 found.append((source, gain))
         return tuple(found)
 
-    def _value(self, read: Read) -> Terms:
+    def _value(self, read: Read) -> LinearSum:
         """Return what an input of a law is set to."""
         return self._terms(read.signal, raw=read.raw) if read.after is None else ((self._acts(read.after), 1.0),)
 
-    def _read(self, wired: WiredLaw) -> dict[str, Terms]:
+    def _read(self, wired: WiredLaw) -> dict[str, LinearSum]:
         """Return what each input of a law's FMU is set to."""
         inputs = {v.name for v in self.blocks.model(wired.law).inputs}
         found = {}
@@ -306,7 +306,8 @@ class _Attaching:
     def _awaits(self, wired: WiredLaw, waiting: Sequence[WiredLaw]) -> bool:
         """Return whether a law needs what another law that waits, or itself, gives."""
         sources = [source for terms in self._read(wired).values() for source, _ in terms]
-        needs = frozenset[str]().union(*(self.base.needs.get(s, frozenset()) for s in sources if s.part == BASE))
+        depends = self.base.model.feedthrough
+        needs = frozenset[str]().union(*(depends.get(s.reference, frozenset()) for s in sources if s.part == BASE))
         probes = {self.base.probes[p.id] for other in waiting for p in other.ports}
         return bool(needs & probes) or any(r.after is other.law for r in wired.reads for other in waiting)
 
@@ -322,7 +323,7 @@ class _Attaching:
             self._probe(wired.law.port.id, (*acts, *((source, -gain) for source, gain in before)))
             self.changed[signal] = acts
 
-    def _probe(self, port: str, terms: Terms) -> None:
+    def _probe(self, port: str, terms: LinearSum) -> None:
         name = self.base.probes[port]
         self.probed[name] = self.probed.get(name, ()) + tuple((s, self.base.gain * gain) for s, gain in terms)
 

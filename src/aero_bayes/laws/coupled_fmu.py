@@ -53,7 +53,7 @@ class Source:
 
 
 #: A sum of values with factors.
-Terms = tuple[tuple[Source, float], ...]
+LinearSum = tuple[tuple[Source, float], ...]
 
 
 @dataclass(frozen=True)
@@ -62,7 +62,7 @@ class Setting:
 
     part: int
     reference: int
-    terms: Terms
+    terms: LinearSum
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,7 +100,7 @@ class Relay:
     A simulator may hold it on a side, and let the model rest."""
 
     law: int
-    speed: Terms
+    speed: LinearSum
 
 
 @dataclass(frozen=True, eq=False)

@@ -31,7 +31,7 @@ from typing import Literal
 import numpy as np
 
 from aero_bayes.laws.law_places import is_held
-from aero_bayes.loop.table import MATERIAL, Table, Terms, law_of
+from aero_bayes.loop.table import MATERIAL, Structure, Table, law_of
 
 ClaimKind = Literal["law", "place", "mechanism", "one of"]
 
@@ -70,10 +70,10 @@ class Decision:
     ``refused`` are structures that predict left-out training readings materially better and validation readings worse.
     The decision hangs on the left-out errors of the structures that were ``compared``."""
 
-    model: Terms
+    model: Structure
     claims: Mapping[str, Claim]
-    refused: tuple[Terms, ...]
-    compared: tuple[Terms, ...]
+    refused: tuple[Structure, ...]
+    compared: tuple[Structure, ...]
 
 
 def decide(table: Table, required: Iterable[str] = ()) -> Decision:
@@ -97,7 +97,7 @@ def decide(table: Table, required: Iterable[str] = ()) -> Decision:
     return Decision(model, claims, refused(table, model, offered), tuple(dict.fromkeys(compared)))
 
 
-def admissible(table: Table, terms: Terms, required: Terms = ()) -> bool:
+def admissible(table: Table, terms: Structure, required: Structure = ()) -> bool:
     """Whether each term that is not required is material beside the others, and nothing within validates better."""
     own = [t for t in terms if t not in required]
     few = table.readings is not None and READINGS_EACH * table.rows[terms].free > table.readings
@@ -112,7 +112,7 @@ def admissible(table: Table, terms: Terms, required: Terms = ()) -> bool:
     return all(table.material(terms, table.without(terms, t), limits[t]) for t in own)
 
 
-def refused(table: Table, model: Terms, offered: Iterable[Terms]) -> tuple[Terms, ...]:
+def refused(table: Table, model: Structure, offered: Iterable[Structure]) -> tuple[Structure, ...]:
     """Structures that predict left-out training readings better than the model by a quarter, and validate worse."""
     left_out, confirmed = table.witnesses(model)[0].sum(), table.validated(model)
     found = [
@@ -122,21 +122,21 @@ def refused(table: Table, model: Terms, offered: Iterable[Terms]) -> tuple[Terms
     return tuple(sorted(found, key=lambda k: (float(table.witnesses(k)[0].sum()), k)))
 
 
-def _simplest(table: Table, best: Terms, among: Iterable[Terms]) -> Terms:
+def _simplest(table: Table, best: Structure, among: Iterable[Structure]) -> Structure:
     """The structure as good as the best of its size that has the fewest curves, then the fewest parameters."""
     gain = min(table.score(k) for k in table.rows if len(k) < len(best)) - table.score(best)
 
-    def bent(terms: Terms) -> int:
+    def bent(terms: Structure) -> int:
         return sum(t in table.curves for t in terms)
 
-    def as_good(k: Terms) -> bool:
+    def as_good(k: Structure) -> bool:
         given_away = CURVE_LOSS if bent(k) < bent(best) else AS_GOOD
         return table.score(k) - table.score(best) <= given_away * gain or not table.clear(best, k)
 
     return min(filter(as_good, among), key=lambda k: (bent(k), table.rows[k].free, table.order(k)))
 
 
-def claim(table: Table, model: Terms, term: str) -> Claim:
+def claim(table: Table, model: Structure, term: str) -> Claim:
     """Say what is known of a term: its law and place, its place, its law, or that it is one of several."""
     part, own = table.without(model, term), table.ports.get(term)
     gain = table.score(part) - table.score(model)
@@ -156,7 +156,7 @@ def claim(table: Table, model: Terms, term: str) -> Claim:
     return Claim(kind, *table.share_of_term(model, term), tuple((o, math.exp(d)) for o, d in alike.items()))
 
 
-def _preferred(table: Table, model: Terms, term: str, other: str) -> bool:
+def _preferred(table: Table, model: Structure, term: str, other: str) -> bool:
     """Whether one of the witnesses prefers another term in the place of a term."""
     swapped = tuple(sorted({*model, other} - {term}))
     return bool(np.any((table.witnesses(swapped) - table.witnesses(model)).sum(axis=1) <= 0.0))
@@ -167,7 +167,7 @@ def _same_law(table: Table, one: str, other: str) -> bool:
     return not is_held(one) and law_of(table.refines.get(one, one)) == law_of(table.refines.get(other, other))
 
 
-def _stands_alone(table: Table, model: Terms, term: str) -> bool:
+def _stands_alone(table: Table, model: Structure, term: str) -> bool:
     """Whether a law lowers the error without the curve of the model, too: beside one almost anything does."""
     laws = tuple(t for t in model if t not in table.curves)
     if laws == model or term in table.curves:

@@ -20,12 +20,12 @@ from aero_bayes.estimate.predict_recordings import Prediction
 from aero_bayes.estimate.residual_tests import ResidualReport, check_residuals
 from aero_bayes.estimate.result import Fit
 from aero_bayes.estimate.simulation_error import exact_enough, sharper_model
-from aero_bayes.laws.open_ports import CurveBasis, LearnedCurve
+from aero_bayes.laws.probed_model import CurveBasis, LearnedCurve
 from aero_bayes.loop.decide import ClaimKind, Decision
 from aero_bayes.loop.first_fit import SEARCHED, FirstFit, LoopContext, refitted
 from aero_bayes.loop.modelica_family import ExtendedModel
 from aero_bayes.loop.search import Search
-from aero_bayes.loop.table import BOTH, Table, Terms, law_of
+from aero_bayes.loop.table import BOTH, Structure, Table, law_of
 from aero_bayes.plain import BY_NAME, Number, Rows
 
 
@@ -79,7 +79,7 @@ class Limit:
     unit: str
 
 
-def limits_of(search: Search, model: Terms) -> tuple[Limit, ...]:
+def limits_of(search: Search, model: Structure) -> tuple[Limit, ...]:
     """What the recordings would have shown beside a structure; what no size shows is left out."""
     return tuple(
         Limit(law_of(id_), found.port, found.parameter[0], found.smallest, found.parameter[1])
@@ -147,7 +147,7 @@ def extend(context: LoopContext, first: FirstFit, search: Search, decision: Deci
     return ExtendedFit(written, added, effects, fit, reports, after)
 
 
-def _lost(search: Search, terms: Terms, fit: Fit) -> float:
+def _lost(search: Search, terms: Structure, fit: Fit) -> float:
     """Logarithm of a fit's validation error over that of the structure when it was decided on; 0 without validation."""
     table, validation = search.table, search.validation
     decided = table.rows[terms].validation

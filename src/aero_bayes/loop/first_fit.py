@@ -15,7 +15,7 @@ from pydantic import Field
 
 from aero_bayes.arguments import Count, Positive, names_of
 from aero_bayes.arrays import FloatArray
-from aero_bayes.data.noise import noise_floors
+from aero_bayes.data.noise_floor import noise_floors
 from aero_bayes.data.split import Recordings
 from aero_bayes.display import SettingsDisplay
 from aero_bayes.estimate.calibration import Calibration, calibrate, for_recordings

@@ -19,9 +19,9 @@ from aero_bayes.laws.attach import attached
 from aero_bayes.laws.balance import Balance, Port, PortKind, Signal, signal_port
 from aero_bayes.laws.candidates import Candidate, PlacedLaw, find_candidates, identifier, with_applicable_laws
 from aero_bayes.laws.class_with_laws import class_text
-from aero_bayes.laws.coupled_fmu import BASE, INPUT, STATE, UNREAD_SUFFIX, Source, Terms, couple
+from aero_bayes.laws.coupled_fmu import BASE, INPUT, STATE, UNREAD_SUFFIX, LinearSum, Source, couple
 from aero_bayes.laws.law_places import LawPlaces
-from aero_bayes.laws.open_ports import OpenModel
+from aero_bayes.laws.probed_model import ProbedModel
 from aero_bayes.laws.wiring import wiring
 from aero_bayes.laws.write_model import WrittenModel
 from aero_bayes.loop.modelica_family import ExtendedModel, ModelicaFamily, OpenSimulator, PortNominals
@@ -139,9 +139,9 @@ class FmuPlaces(LawPlaces):
         index = self.inner.states.index(state)
         return next((v.name for v in self.inner.outputs if self.inner.copied_state(v.name) == index), state.name)
 
-    def opened(self) -> OpenModel:
+    def opened(self) -> ProbedModel:
         """Return the FMU with its inputs, outputs and states under the names by which laws know them."""
-        model, signals = self.inner, dict[Signal, Terms]()
+        model, signals = self.inner, dict[Signal, LinearSum]()
         states = {s.value_reference: k for k, s in enumerate(model.states)}
         for k, v in enumerate(model.inputs):
             signals[Signal.of(self.names[v.name])] = ((Source(INPUT, k), 1.0),)
@@ -152,7 +152,7 @@ class FmuPlaces(LawPlaces):
         for k, s in enumerate(model.states):
             signals[self.state_signal(s)] = ((Source(STATE, k), 1.0),)
         probes = {p.id: model.inputs[p.balance.equation].name for p in self.ports if p.balance is not None}
-        return OpenModel(model, tuple(v.name for v in model.inputs), probes, signals, gain=-1.0)
+        return ProbedModel(model, tuple(v.name for v in model.inputs), probes, signals, gain=-1.0)
 
 
 #: Name of the imported FMU in the Modelica model.
@@ -291,7 +291,7 @@ class FmuFamily(ModelicaFamily):
                 }
         return nominals
 
-    def _opened(self) -> OpenModel:
+    def _opened(self) -> ProbedModel:
         return self.places.opened()
 
     def _with(self, placed_laws: Sequence[PlacedLaw]) -> Model:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from aero_bayes.arrays import FloatArray
 from aero_bayes.errors import CannotFinishError
-from aero_bayes.estimate.laplace import MIN_BLOCK_READINGS, LinearisedFit, blocks_of_time
+from aero_bayes.estimate.intervals import MIN_BLOCK_READINGS, LinearisedFit, blocks_of_time
 from aero_bayes.estimate.local_fit import LocalFitSettings, Optimum, local_fit
 from aero_bayes.estimate.objective import Objective
 from aero_bayes.loop.models import FittedModel

@@ -15,7 +15,7 @@ from aero_bayes.data.split import Recordings
 from aero_bayes.errors import InputError
 from aero_bayes.estimate.calibration import steps_taken, templates, with_step_budget
 from aero_bayes.estimate.fit import declared_overrides
-from aero_bayes.estimate.initial_states import screened
+from aero_bayes.estimate.initial_states import mended_recordings
 from aero_bayes.estimate.parameters import ParameterSet, ParameterSpec, chosen_parameters
 from aero_bayes.estimate.result import Fit
 from aero_bayes.files import ScratchFolder
@@ -32,13 +32,13 @@ from aero_bayes.loop.first_fit import (
     first_fit,
 )
 from aero_bayes.loop.fmu_family import FmuFamily, FmuPlaces
-from aero_bayes.loop.held_values import held_values
+from aero_bayes.loop.held_terms import held_values
 from aero_bayes.loop.make_result import Ended, result_of
 from aero_bayes.loop.modelica_family import ModelicaFamily
 from aero_bayes.loop.models import FittedModel, ModelSource
 from aero_bayes.loop.result import LoopResult
 from aero_bayes.loop.search import Effort, Library, Search
-from aero_bayes.loop.table import Terms
+from aero_bayes.loop.table import Structure
 from aero_bayes.loop.validation import Validation
 from aero_bayes.modelica.sources import main_class
 from aero_bayes.progress import Progress, watching
@@ -135,7 +135,7 @@ def close_loop(
                 f"model {base.name} declares no parameters to fit: name some of {has} by LoopSettings(parameters=[...])"
             )
         known = [v.name for v in base.outputs]
-        train, test, confirming = (screened(recordings, base) for recordings in (train, test, confirming))
+        train, test, confirming = (mended_recordings(recordings, base) for recordings in (train, test, confirming))
         recordings = Recordings.of(train, test, settings.held_out, known, confirming)
         context = LoopContext(family, recordings, settings, pool, folder, LoopStatistics(watched), seed)
         result = _closed(context, given)
@@ -273,7 +273,7 @@ def _as_far_as_tried(search: Search, decision: Decision) -> Decision:
     return replace(decision, claims=claims)
 
 
-def _parts(search: Search, decision: Decision) -> list[Terms]:
+def _parts(search: Search, decision: Decision) -> list[Structure]:
     """The model without each of its terms, in whose place all others are to be tried; and of a law beside a curve what
     it does without the curve."""
     model, curves = decision.model, set(search.library.curves)

@@ -30,13 +30,12 @@ from aero_bayes.laws.candidates import (
 from aero_bayes.laws.coupled_fmu import couple
 from aero_bayes.laws.law import START_PREFIX
 from aero_bayes.laws.law_places import START, LawPlaces, is_held
-from aero_bayes.laws.open_ports import (
+from aero_bayes.laws.probed_model import (
     CurveBasis,
-    OpenModel,
+    ProbedModel,
     built_once,
     curve_basis,
-    open_model,
-    state_aliases,
+    probed_model,
     state_names,
     states_by_base_name,
 )
@@ -221,7 +220,7 @@ class ModelicaFamily:
     placed: dict[str, PlacedLaw] = field(default_factory=dict, compare=False, repr=False)
     _starts: dict[str, Starts] = field(default_factory=dict, compare=False, repr=False)
     _written: list[PlacedLaw] = field(default_factory=list, compare=False, repr=False)
-    _open: list[OpenModel] = field(default_factory=list, compare=False, repr=False)
+    _open: list[ProbedModel] = field(default_factory=list, compare=False, repr=False)
 
     def base_model(self) -> Model:
         """Return the model without any law added."""
@@ -289,12 +288,12 @@ class ModelicaFamily:
     def blocks(self) -> LawBlocks:
         return LawBlocks(self.places.law_models, self.folder)
 
-    def _opened(self) -> OpenModel:
+    def _opened(self) -> ProbedModel:
         """Return the model with its ports open for all laws that are placed and can be attached."""
         if not self._open:
             placed_laws = [p for p in self.placed.values() if can_be_attached(p)]
             export = partial(self._export, what="open")
-            self._open.append(open_model(self.base_model(), placed_laws, self.places.flat, export))
+            self._open.append(probed_model(self.base_model(), placed_laws, self.places.flat, export))
         return self._open[0]
 
     def _attached(self, placed_laws: Sequence[PlacedLaw]) -> Model:
@@ -399,12 +398,8 @@ class ModelicaFamily:
         every = (part for placed in (*self.placed.values(), *self._written) for part in placed.parts)
         acting = [p for p in every if p.port.attachment == "output"]
         read = {f"{p.instance}.u": p.port.signals["u"].first for p in acting}
-        there = states_by_base_name(model, self.places.structure, self._aliases, read)
+        there = states_by_base_name(model, self.places.structure, base.state_aliases, read)
         return state_names(base, self.places.structure, there)
-
-    @cached_property
-    def _aliases(self) -> dict[str, str]:
-        return state_aliases(self.base_model())
 
     def describe(self, id_: str) -> str:
         """Return a phrase about a term: a law and its port, or a value or a start that was held."""

@@ -16,9 +16,9 @@ from aero_bayes.estimate.local_fit import LocalFitSettings, Optimum, fit_noise
 from aero_bayes.estimate.objective import Objective
 from aero_bayes.estimate.parameters import Parameter, ParameterSet, prior_curvature
 from aero_bayes.estimate.residual_tests import check_residuals
-from aero_bayes.loop.held_values import held_candidate
+from aero_bayes.loop.held_terms import held_candidate
 from aero_bayes.loop.modelica_family import CandidateTerm, ModelicaFamily, OpenSimulator
-from aero_bayes.loop.table import Terms
+from aero_bayes.loop.table import Structure
 from aero_bayes.simulation.interface import ParameterTarget
 
 #: Distance of a term's size from where the term is off that counts as none, as a share of its largest nominal one.
@@ -50,7 +50,7 @@ class FittedModel:
     """A structure fitted by least squares: its model, and the optimum there."""
 
     model: CandidateModel
-    terms: Terms
+    terms: Structure
     optimum: Optimum
 
     @cached_property
@@ -75,7 +75,7 @@ class FittedModel:
         return LinearResponse.of(self.model.objective, self.optimum)
 
     @property
-    def off_terms(self) -> Terms:
+    def off_terms(self) -> Structure:
         """Terms whose fitted size is off: the model is the same without them."""
         found = []
         for id_ in self.terms:
@@ -199,7 +199,7 @@ class Models:
 
     def __init__(self, source: ModelSource) -> None:
         self.source = source
-        self._built: dict[Terms, CandidateModel | None] = {}
+        self._built: dict[Structure, CandidateModel | None] = {}
 
     def of(self, terms: Collection[str]) -> CandidateModel | None:
         """Return the model of a structure; None where it cannot be built."""

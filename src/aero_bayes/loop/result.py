@@ -27,7 +27,7 @@ from aero_bayes.files import ScratchFolder
 from aero_bayes.loop.decide import Decision
 from aero_bayes.loop.extend import ExtendedFit, FoundEffect, Limit
 from aero_bayes.loop.first_fit import FirstFit
-from aero_bayes.loop.table import Table, Terms
+from aero_bayes.loop.table import Structure, Table
 from aero_bayes.plain import ByName, JsonNumber, JsonTable, Number, picked
 from aero_bayes.unknown_names import known_names_hint
 
@@ -63,7 +63,7 @@ class Step:
     why: str = ""
 
 
-def steps_of(table: Table, decision: Decision, required: Terms) -> tuple[Step, ...]:
+def steps_of(table: Table, decision: Decision, required: Structure) -> tuple[Step, ...]:
     """Return one step for each term of the model, the one that explains most first, and one for what is left."""
     found: list[Step] = []
     base, left = tuple(sorted(required)), [t for t in decision.model if t not in required]
@@ -289,13 +289,13 @@ class LoopResult(HasPage):
         return self.final.effects
 
     @property
-    def equivalent(self) -> tuple[Terms, ...]:
+    def equivalent(self) -> tuple[Structure, ...]:
         """Each effect with what does as well in its place."""
         claims = self.decision.claims.items()
         return tuple((t, *(o for o, _ in c.alternatives)) for t, c in claims if c.alternatives)
 
     @property
-    def refused(self) -> tuple[Terms, ...]:
+    def refused(self) -> tuple[Structure, ...]:
         """Models, by their terms, that explain training recordings better and predict validation readings worse."""
         return self.decision.refused
 

@@ -26,7 +26,7 @@ from aero_bayes.loop.first_fit import LoopStatistics
 from aero_bayes.loop.folds import ROUNDING_SHARE, Folds, newton_errors, refitted_errors
 from aero_bayes.loop.models import FittedModel, Models, ModelSource
 from aero_bayes.loop.screen import LEAST_FALL, Promise, Screen, Screened
-from aero_bayes.loop.table import MATERIAL, Row, Table, Terms
+from aero_bayes.loop.table import MATERIAL, Row, Structure, Table
 from aero_bayes.loop.validation import Validation
 from aero_bayes.parallel import ParallelMap, Task
 
@@ -84,10 +84,10 @@ REFIT = (5, 1e-3)
 class Library:
     """Terms that may be added, for each refinement the coarser law, the learned curves, and what has to be in."""
 
-    offered: Terms
+    offered: Structure
     refines: Mapping[str, str]
     curves: Collection[str]
-    required: Terms = ()
+    required: Structure = ()
     most_terms: int = 3
 
 
@@ -105,10 +105,10 @@ class Search:
     statistics: LoopStatistics
     validated_by: Callable[[FittedModel], Validation | None] = lambda fitted: None
     effort: Effort = Effort()
-    fits: dict[Terms, FittedModel] = field(default_factory=dict)
-    screened: dict[Terms, dict[str, Screened]] = field(default_factory=dict)
+    fits: dict[Structure, FittedModel] = field(default_factory=dict)
+    screened: dict[Structure, dict[str, Screened]] = field(default_factory=dict)
     skipped: dict[str, None] = field(default_factory=dict)
-    completed: dict[Terms, bool] = field(default_factory=dict)
+    completed: dict[Structure, bool] = field(default_factory=dict)
     ended: str = ""
     doing: tuple[str, float] = ("", 0.0)
     done: float = 0.0
@@ -131,7 +131,7 @@ class Search:
         local = replace(plain.local, iterations=steps, tolerance=least, min_noise_gain=least, min_decrease=least)
         return replace(plain, local=local)
 
-    def fits_from(self, terms: Terms, points: Iterable[FloatArray], how: tuple[int, float]) -> list[FittedModel]:
+    def fits_from(self, terms: Structure, points: Iterable[FloatArray], how: tuple[int, float]) -> list[FittedModel]:
         """Fits of a structure from some points (p,), without those that fail."""
         model = self.models.of(terms)
         found: list[FittedModel] = []
@@ -151,19 +151,19 @@ class Search:
         """Whether a fit has to end where it is: none runs past the time limit."""
         return self.statistics.time_is_up()
 
-    def found(self, terms: Terms, points: Iterable[FloatArray], how: tuple[int, float]) -> Optimum | None:
+    def found(self, terms: Structure, points: Iterable[FloatArray], how: tuple[int, float]) -> Optimum | None:
         """The best of the fits from some points."""
         best = min(self.fits_from(terms, points, how), key=lambda f: self.folds.on_fitted(f.optimum), default=None)
         return None if best is None else best.optimum
 
-    def at_values(self, terms: Terms, values: Mapping[str, float], on: Terms) -> list[FloatArray]:
+    def at_values(self, terms: Structure, values: Mapping[str, float], on: Structure) -> list[FloatArray]:
         """The point (p,) of a structure at SI values by name, with some of its terms on; none if it cannot be built."""
         model = self.models.of(terms)
         return [] if model is None else [model.coordinates_of(values, on)]
 
-    def keep(self, found: Mapping[Terms, Optimum | None]) -> None:
+    def keep(self, found: Mapping[Structure, Optimum | None]) -> None:
         """Put better fits into the table; their terms are on, but for required ones, which may be off."""
-        better: dict[Terms, FittedModel] = {}
+        better: dict[Structure, FittedModel] = {}
         for terms, optimum in found.items():
             model = self.models.of(terms) if optimum is not None else None
             if optimum is not None and model is not None:
@@ -199,14 +199,14 @@ class Search:
         self.fits[()] = first[0]
         self.validation = self.validated_by(first[0])
         self.table.rows[()] = self._row(first[0])
-        terms: Terms = ()
+        terms: Structure = ()
         for id_ in self.library.required:
             self.fit_children(terms, [id_], math.inf)
             terms = _plus(terms, id_)
             if terms not in self.fits:
                 raise CannotFinishError(f"the model cannot be simulated with {id_}, which [loop] require asks for")
 
-    def structured(self, terms: Terms) -> tuple[str, ...]:
+    def structured(self, terms: Structure) -> tuple[str, ...]:
         """Outputs in which a structure leaves more than what its sensors add."""
         return self.fits[terms].structured(self.floors)
 
@@ -233,7 +233,7 @@ class Search:
             elif here is None or size > len(best) + 1:
                 break
 
-    def _pays(self, here: Terms, best: Terms) -> bool:
+    def _pays(self, here: Structure, best: Structure) -> bool:
         """Whether a larger structure is worth extending: it falls materially by one witness at least.
 
         Each witness alone may mislead the decision; the search only goes on."""
@@ -246,11 +246,11 @@ class Search:
             self.ended = what
         return bool(self.ended)
 
-    def _beam(self, size: int) -> list[Terms]:
+    def _beam(self, size: int) -> list[Structure]:
         """Structures of a size to extend: the best, that with a coarser law, without a curve, and of other places."""
         required = set(self.library.required)
         order = sorted((k for k in self.fits if len(k) == size and required <= set(k)), key=self.table.order)
-        places: dict[Terms, Terms] = {}
+        places: dict[Structure, Structure] = {}
         for k in order:
             places.setdefault(tuple(sorted(self.table.ports.get(t, t) for t in k)), k)
         plain = [k for k in order if not set(k) & set(self.library.curves)]
@@ -261,7 +261,7 @@ class Search:
         beam = list(dict.fromkeys([*order[:1], *plain[:1], *places.values(), *order]))[:width]
         return list(dict.fromkeys([*beam, *(k for k in coarser if k in self.fits)]))
 
-    def extend(self, parent: Terms, near: float | None = None, place: str = "") -> bool:
+    def extend(self, parent: Structure, near: float | None = None, place: str = "") -> bool:
         """Screen all terms beside a structure and fit those that promise most, or all that promise a score ``near``.
 
         With a ``near`` all that promise anything at the same ``place`` are fitted, too. A finer law is fitted where it
@@ -270,7 +270,7 @@ class Search:
         children = [k for k in self.fits if len(k) == len(parent) + 1 and set(parent) < set(k)]
         best = sorted(children, key=self.table.order)[: self.effort.beam[1]]
         coarse = {t for k in best for t in set(k) - set(parent)} | set(parent)
-        finer: dict[Terms, list[str]] = {}
+        finer: dict[Structure, list[str]] = {}
         for t, of in self.library.refines.items():
             origin = tuple(x for x in parent if x != of)
             if of in coarse and origin in self.fits and t in self._free(origin) and _plus(origin, t) not in self.fits:
@@ -280,13 +280,15 @@ class Search:
                 self.fit_children(origin, terms, self.folds.on_fitted(self.fits[origin].optimum) - LEAST_FALL)
         return tried_all
 
-    def _free(self, terms: Terms) -> list[str]:
+    def _free(self, terms: Structure) -> list[str]:
         """Terms that may be put beside a structure: no second curve, and no finer form of what is in it."""
         curves, refines = {*self.library.curves}, self.library.refines
         taken = {*terms, *(curves if curves & {*terms} else ())}
         return [t for t in self.library.offered if t not in taken and refines.get(t) not in terms]
 
-    def fit_children(self, parent: Terms, offered: Sequence[str], near: float | None = None, place: str = "") -> bool:
+    def fit_children(
+        self, parent: Structure, offered: Sequence[str], near: float | None = None, place: str = ""
+    ) -> bool:
         """Fit what promises most beside a structure, the best to the end; gives whether all that is near was fitted."""
         promises = self.screen(parent, offered)
         order, cut = self._promising(parent, {t: s.gain for t, s in promises.items()}, near, place)
@@ -302,7 +304,7 @@ class Search:
         return not cut
 
     def _promising(
-        self, parent: Terms, gains: dict[str, float], near: float | None, place: str
+        self, parent: Structure, gains: dict[str, float], near: float | None, place: str
     ) -> tuple[list[str], list[str]]:
         """Terms to be fitted beside a structure by what they promise, the best first, and those that are cut off."""
         here = self.folds.on_fitted(self.fits[parent].optimum)
@@ -324,7 +326,7 @@ class Search:
         order.sort(key=lambda t: (-gains[t], t))
         return order[:count], order[count:]
 
-    def screen(self, parent: Terms, offered: Sequence[str]) -> dict[str, Screened]:
+    def screen(self, parent: Structure, offered: Sequence[str]) -> dict[str, Screened]:
         """Screen terms beside a structure, those that were not yet."""
         known = self.screened.setdefault(parent, {})
         new = [t for t in offered if t not in known]
@@ -342,7 +344,7 @@ class Search:
         self.table.ports = {**self.table.ports, **{t: s.port for t, s in known.items() if s.port}}
         return {t: known[t] for t in offered if t in known}
 
-    def finish(self, structures: Iterable[Terms], begun: Sequence[Terms] = ()) -> None:
+    def finish(self, structures: Iterable[Structure], begun: Sequence[Structure] = ()) -> None:
         """Go on with fits until no step promises anything; some are fitted to a beginning of the recordings, too."""
         wanted = [k for k in structures if k in self.fits and not self.fits[k].optimum.reason.converged]
         works = [partial(self.found, k, [self.fits[k].optimum.coordinates], WHOLE) for k in wanted]
@@ -350,7 +352,7 @@ class Search:
         self.keep(dict(zip(wanted, found[: len(wanted)], strict=True)))
         self.keep(dict(zip(begun, found[len(wanted) :], strict=True)))
 
-    def complete(self, model: Terms, part: Terms) -> None:
+    def complete(self, model: Structure, part: Structure) -> None:
         """Fit a part of a structure, and all that does nearly as well as what it lacks in its place."""
         # A fit of the part by itself may have ended in a local optimum that its values in the whole avoid.
         freed = {n for t in {*model} - {*part} if t in self.source.held for n in self.fits[model].term_values(t)}
@@ -366,11 +368,13 @@ class Search:
         # What ends with the time has not tried all.
         self.completed[part] = tried_all and not self.statistics.time_is_up()
 
-    def _known_swaps(self, model: Terms, part: Terms, values: Mapping[str, float]) -> dict[Terms, dict[str, float]]:
+    def _known_swaps(
+        self, model: Structure, part: Structure, values: Mapping[str, float]
+    ) -> dict[Structure, dict[str, float]]:
         """Structures that are tried beside a part whatever they promise, and SI values to begin from.
 
         They have the coarser law, from the finer one's size, or a term of what does as well as the model."""
-        found: dict[Terms, dict[str, float]] = {}
+        found: dict[Structure, dict[str, float]] = {}
         near, free = self.table.score(model) - math.log(MATERIAL), self._free(part)
         alike = (k for k in self.fits if len(k) == len(model) and self.table.score(k) <= near)
         for k in sorted(alike, key=self.table.order)[: self.effort.fitted[1]]:
@@ -385,7 +389,7 @@ class Search:
                 found[child] = {**values, own: values.get(size, 0.0)}
         return found
 
-    def refit(self, wanted: Sequence[Terms]) -> None:
+    def refit(self, wanted: Sequence[Structure]) -> None:
         """Find the left-out errors of some structures by fits without each fold."""
         self.finish(wanted)
         works = [partial(refitted_errors, self.fits[k], self.folds, self.settings(REFIT), self._stop) for k in wanted]
@@ -411,7 +415,7 @@ class Search:
         self.done += step
         return found
 
-    def _screen(self, parent: Terms, term: str) -> Screened:
+    def _screen(self, parent: Structure, term: str) -> Screened:
         """Screen a term beside a fit, of the first model beside its declared values, too.
 
         A fit that lacks a term may have moved them to where it does nothing."""
@@ -435,7 +439,7 @@ class Search:
             self.models.drop(child)
         return replace(found, seconds=time.perf_counter() - began)
 
-    def _brief(self, parent: Terms, term: str, promises: Sequence[Promise]) -> Optimum | None:
+    def _brief(self, parent: Structure, term: str, promises: Sequence[Promise]) -> Optimum | None:
         """Fit a term beside a structure from what it promises, and from the structure itself where that is better."""
         child, start = _plus(parent, term), self.fits[parent]
         sources = {p.kind[0]: p for p in reversed(promises)}
@@ -449,7 +453,7 @@ class Search:
         end = min(ends, key=lambda f: self.folds.on_fitted(f.optimum), default=None)
         return None if end is None else end.optimum
 
-    def _declared_points(self, child: Terms, term: str) -> list[FloatArray]:
+    def _declared_points(self, child: Structure, term: str) -> list[FloatArray]:
         """Points (p,) at the declared values of the first model and nominal sizes of a term.
 
         Where the first model had to bend far, its fit is no place to begin from, and sizes are wrong there."""
@@ -463,7 +467,7 @@ class Search:
             points.append(model.objective.parameters.to_search(values))
         return points
 
-    def _from_beginning(self, terms: Terms) -> Optimum | None:
+    def _from_beginning(self, terms: Structure) -> Optimum | None:
         """Fit the beginning of the recordings first, then more and more of them.
 
         An oscillating or growing motion has few local optima only while a recording is short."""
@@ -481,5 +485,5 @@ def _tried(work: Callable[[], R]) -> R | None:
     return None
 
 
-def _plus(terms: Iterable[str], *more: str) -> Terms:
+def _plus(terms: Iterable[str], *more: str) -> Structure:
     return tuple(sorted({*terms, *more}))

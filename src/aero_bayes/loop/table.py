@@ -14,7 +14,7 @@ import scipy  # imports its parts when they are first used
 from aero_bayes.arrays import FloatArray
 
 #: The terms of a structure, sorted; none is the first model.
-Terms = tuple[str, ...]
+Structure = tuple[str, ...]
 
 #: A term is material if it lowers the error to this share: a quarter less is what an engineer changes a model for.
 MATERIAL = 0.75
@@ -38,7 +38,7 @@ class Row:
     ``free`` is its number of free parameters, ``refitted`` whether it was fitted again without each fold. ``test`` is
     the RMS on test readings by output, which no decision uses. There may be no validation."""
 
-    terms: Terms
+    terms: Structure
     errors: FloatArray
     free: int
     refitted: bool = False
@@ -57,7 +57,7 @@ class Table:
     ports: Mapping[str, str]
     refines: Mapping[str, str]
     curves: Collection[str]
-    rows: dict[Terms, Row] = field(default_factory=dict)
+    rows: dict[Structure, Row] = field(default_factory=dict)
     readings: int | None = None
 
     @property
@@ -80,7 +80,7 @@ class Table:
         freedom = self.blocks - 1
         return float(scipy.special.stdtrit(freedom, scipy.special.ndtr(CLEAR))) if freedom else math.inf
 
-    def _squares(self, terms: Terms) -> tuple[FloatArray, ...]:
+    def _squares(self, terms: Structure) -> tuple[FloatArray, ...]:
         """Squared errors (blocks, outputs) by witness."""
         row, first = self.rows[terms], self.rows[()]
         if first.validation is None:
@@ -92,12 +92,12 @@ class Table:
         """Logarithms of root summed squares, by output."""
         return np.asarray(0.5 * np.log(np.maximum(squares, np.maximum(self.least, 1e-300))))
 
-    def witnesses(self, terms: Terms) -> FloatArray:
+    def witnesses(self, terms: Structure) -> FloatArray:
         """Logarithm of the error over that of the first model, by witness (left out, validation) and output."""
         pairs = zip(self._squares(terms), self._squares(()), strict=True)
         return np.stack([self.logs(own.sum(axis=0)) - self.logs(first.sum(axis=0)) for own, first in pairs])
 
-    def _drawn(self, terms: Terms) -> FloatArray:
+    def _drawn(self, terms: Structure) -> FloatArray:
         """:meth:`witnesses` of each resampled set of blocks (witnesses, draws, outputs)."""
         both = zip(self._draws, self._squares(terms), self._squares(()), strict=True)
         return np.stack([self.logs(n @ own) - self.logs(n @ first) for n, own, first in both])
@@ -109,30 +109,30 @@ class Table:
         read[0] = 1.0
         return np.asarray(read / read.sum(axis=0))
 
-    def by_output(self, terms: Terms) -> FloatArray:
+    def by_output(self, terms: Structure) -> FloatArray:
         """Logarithm of the geometric mean of both witnesses' ratios to the first model, by output."""
         return np.asarray((self._confirmed * self.witnesses(terms)).sum(axis=0))
 
-    def score(self, terms: Terms) -> float:
+    def score(self, terms: Structure) -> float:
         """Sum of :meth:`by_output`: no output outvotes another, whatever its unit."""
         return float(self.by_output(terms).sum())
 
-    def validated(self, terms: Terms) -> float:
+    def validated(self, terms: Structure) -> float:
         """Logarithm of the validation error over that of the first model, over all outputs; 0 without validation."""
         found = self.witnesses(terms)
         return float(found[1].sum()) if len(found) > 1 else 0.0
 
-    def order(self, terms: Terms) -> tuple[float, int, Terms]:
+    def order(self, terms: Structure) -> tuple[float, int, Structure]:
         """What structures are sorted by, the best first, in whatever order they were found."""
         return self.score(terms), len(terms), terms
 
-    def clear(self, one: Terms, other: Terms) -> bool:
+    def clear(self, one: Structure, other: Structure) -> bool:
         """Whether one structure predicts clearly better than another: by two standard errors, over resampled blocks."""
         drawn = self._confirmed[:, np.newaxis] * (self._drawn(other) - self._drawn(one))
         error = float(np.std(drawn.sum(axis=(0, 2))))
         return self.score(other) - self.score(one) > self._needed * error and math.isfinite(error)
 
-    def material(self, one: Terms, other: Terms, share: float = MATERIAL) -> bool:
+    def material(self, one: Structure, other: Structure, share: float = MATERIAL) -> bool:
         """Whether one structure is clearly better, and by so much that it is worth a sentence.
 
         In an output the error falls to a share, and each witness falls; in none does a witness rise by 2 %."""
@@ -141,7 +141,7 @@ class Table:
         falls &= np.all(change <= math.log(BOTH), axis=0)
         return bool(falls.any() and np.all(change <= math.log(WORSE))) and self.clear(one, other)
 
-    def share(self, one: Terms, other: Terms) -> tuple[float, float, str]:
+    def share(self, one: Structure, other: Structure) -> tuple[float, float, str]:
         """Left-out error of one structure over that of another in the output whose error falls most by both witnesses,
         its standard error, and the output."""
         k = int(np.argmin(self.by_output(one) - self.by_output(other)))
@@ -149,24 +149,24 @@ class Table:
         drawn = self._drawn(one)[0, :, k] - self._drawn(other)[0, :, k]
         return ratio, float(np.std(np.exp(drawn))), self.outputs[k]
 
-    def share_of_term(self, terms: Terms, term: str) -> tuple[float, float, str]:
+    def share_of_term(self, terms: Structure, term: str) -> tuple[float, float, str]:
         """:meth:`share` of a term beside exactly the others; where these were not fitted, beside the best of them."""
         others = tuple(t for t in terms if t != term)
         return self.share(terms, others if others in self.rows else self.without(terms, term))
 
-    def without(self, terms: Terms, term: str) -> Terms:
+    def without(self, terms: Structure, term: str) -> Structure:
         """The best structure within others without one of its terms; the coarser law may stand in its place."""
         kept = set(terms) - {term} | ({self.refines[term]} if term in self.refines else set())
         return min((k for k in self.rows if set(k) <= kept), key=self.order)
 
-    def best_of_size(self, among: Iterable[Terms]) -> dict[int, Terms]:
+    def best_of_size(self, among: Iterable[Structure]) -> dict[int, Structure]:
         """The best structure of each number of terms."""
-        best: dict[int, Terms] = {}
+        best: dict[int, Structure] = {}
         for terms in sorted(among, key=self.order):
             best.setdefault(len(terms), terms)
         return best
 
-    def swaps(self, model: Terms, term: str) -> dict[str, float]:
+    def swaps(self, model: Structure, term: str) -> dict[str, float]:
         """Terms that were tried in the place of one, and the logarithm of the error with each over that with it."""
         rest, score = set(model) - {term}, self.score(model)
         tried = (k for k in self.rows if len(k) == len(model) and rest < set(k) and term not in k)

@@ -8,7 +8,7 @@ from dataclasses import replace
 from typing import cast
 
 from aero_bayes.errors import InputError
-from aero_bayes.modelica.arrays import Value, scalars
+from aero_bayes.modelica.array_values import Value, scalars
 from aero_bayes.modelica.expression import Builder
 from aero_bayes.modelica.flat import FlatEquation, FlatModel, FlatVariable, element_names
 from aero_bayes.modelica.scope import Scope

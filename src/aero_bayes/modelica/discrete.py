@@ -6,8 +6,8 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 from aero_bayes.errors import InputError
-from aero_bayes.modelica import arrays
-from aero_bayes.modelica.arrays import Value, scalars
+from aero_bayes.modelica import array_values
+from aero_bayes.modelica.array_values import Value, scalars
 from aero_bayes.modelica.expression import Builder, Node
 from aero_bayes.modelica.flat import FlatModel, When
 from aero_bayes.modelica.graphs import assign
@@ -146,11 +146,11 @@ class EventActions:
         symbols = {n: saved[n] for n in outputs}
         scope.values = dict(saved)
         for n, value in symbols.items():
-            scope.values[n] = arrays.mapped(
+            scope.values[n] = array_values.mapped(
                 lambda s: self.events.pre(s) if s in self.events.piecewise_constant else scope.builder.zero, value
             )
         self.statements(statements)
-        found = [p for n, value in symbols.items() for p in arrays.pairs(value, scope.values[n])]
+        found = [p for n, value in symbols.items() for p in array_values.pairs(value, scope.values[n])]
         scope.values = saved
         return found
 
@@ -178,7 +178,7 @@ class EventActions:
                     scope.run((inner,))
             for n, value in scope.values.items():
                 if n in before and value is not before[n]:
-                    scope.values[n] = arrays.select(b, active, value, before[n])
+                    scope.values[n] = array_values.select(b, active, value, before[n])
 
 
 def _like(value: Value, count: int) -> list[Node]:

@@ -6,8 +6,8 @@ import re
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
-from aero_bayes.modelica import arrays
-from aero_bayes.modelica.arrays import scalars
+from aero_bayes.modelica import array_values
+from aero_bayes.modelica.array_values import scalars
 from aero_bayes.modelica.discrete import DiscretePart, EventActions, assigned_in_events, match_discrete
 from aero_bayes.modelica.expression import Builder, Node, evaluate_nodes
 from aero_bayes.modelica.flat import Causality, FlatEquation, FlatModel, FlatVariable, Variability
@@ -120,11 +120,11 @@ def _declare(scope: Scope, events: Events, variables: Sequence[FlatVariable]) ->
         scope.place = v.place
         if v.type == "String":
             raise scope.fail(f"the variable {v.name!r} of type String")
-        symbols_of = arrays.shaped(map(builder.symbol, v.scalar_names), v.sizes)
+        symbols_of = array_values.shaped(map(builder.symbol, v.scalar_names), v.sizes)
         switched = v.type == "Boolean" and _is_input(v)
         # An FMU of ours has Real inputs: a switch is on above one half.
         scope.values[v.name] = (
-            arrays.mapped(lambda s: events.relation("gt", s, builder.const(0.5)), symbols_of)
+            array_values.mapped(lambda s: events.relation("gt", s, builder.const(0.5)), symbols_of)
             if switched
             else symbols_of
         )
@@ -295,7 +295,7 @@ def _parameter(scope: Scope, v: FlatVariable) -> list[ScalarVariable]:
         free = v.type == "Real" and v.variability != "constant" and node.op == "const"
         symbols.append(scope.builder.symbol(variable.name) if free else node)
         variables.append(variable)
-    scope.values[v.name] = arrays.shaped(iter(symbols), v.sizes)
+    scope.values[v.name] = array_values.shaped(iter(symbols), v.sizes)
     return variables
 
 

@@ -8,8 +8,8 @@ from contextlib import contextmanager
 from functools import partial, reduce
 
 from aero_bayes.errors import InputError
-from aero_bayes.modelica import arrays
-from aero_bayes.modelica.arrays import Record, ShapeError, Value, scalars
+from aero_bayes.modelica import array_values
+from aero_bayes.modelica.array_values import Record, ShapeError, Value, scalars
 from aero_bayes.modelica.expression import Builder, Node
 from aero_bayes.modelica.flat import Function
 from aero_bayes.modelica.operators import EVENT_OPERATORS, Events, Operators, call_table, is_table_function
@@ -41,18 +41,18 @@ def array_function(b: Builder, function: str, args: list[Value]) -> Value | None
 
     match function, args:
         case "size", (value,):
-            return [b.const(float(n)) for n in arrays.shape(value)]
+            return [b.const(float(n)) for n in array_values.shape(value)]
         case "size", (value, dimension):
-            sizes = arrays.shape(value)
+            sizes = array_values.shape(value)
             if not 1 <= _whole(dimension) <= len(sizes):
                 raise ShapeError("size() of a dimension that is not there")
             return b.const(float(sizes[_whole(dimension) - 1]))
         case "ndims", (value,):
-            return b.const(float(len(arrays.shape(value))))
+            return b.const(float(len(array_values.shape(value))))
         case "fill", (item, *sizes):
-            return arrays.filled(item, [_whole(s) for s in sizes])
+            return array_values.filled(item, [_whole(s) for s in sizes])
         case (("zeros" | "ones"), _):
-            return arrays.filled(b.const(float(function == "ones")), [_whole(s) for s in args])
+            return array_values.filled(b.const(float(function == "ones")), [_whole(s) for s in args])
         case "identity", (size,):
             n = _whole(size)
             return [[b.const(float(i == j)) for j in range(n)] for i in range(n)]
@@ -61,24 +61,24 @@ def array_function(b: Builder, function: str, args: list[Value]) -> Value | None
             return [[x if i == j else b.zero for j in range(len(items))] for i, x in enumerate(items)]
         case "linspace", (first, last, count):
             n = _whole(count)
-            width = arrays.elementwise(b.sub, last, first)
-            steps = [arrays.elementwise(b.mul, b.const(k / (n - 1)), width) for k in range(n)]
-            return [arrays.elementwise(b.add, first, step) for step in steps]
+            width = array_values.elementwise(b.sub, last, first)
+            steps = [array_values.elementwise(b.mul, b.const(k / (n - 1)), width) for k in range(n)]
+            return [array_values.elementwise(b.add, first, step) for step in steps]
         case "cross", (x, y):
             u, v = scalars(x), scalars(y)
             return [b.sub(b.mul(u[i], v[j]), b.mul(u[j], v[i])) for i, j in ((1, 2), (2, 0), (0, 1))]
         case "transpose", (value,):
-            return arrays.transposed(value)
+            return array_values.transposed(value)
         case "[,]", _:
-            return arrays.concatenated(args, 1)
+            return array_values.concatenated(args, 1)
         case "[;]", _:
-            return arrays.concatenated(args, 0)
+            return array_values.concatenated(args, 0)
         case "sum", (value,):
-            return arrays.total(b, value)
+            return array_values.total(b, value)
         case "vector", (value,):
             return list(scalars(value))
         case "matrix", (value,):
-            return arrays.concatenated([value], 1)
+            return array_values.concatenated([value], 1)
         case "scalar", (value,):
             if len(scalars(value)) == 1:
                 return scalars(value)[0]
@@ -150,7 +150,7 @@ class Evaluator:
             at = whole.names.index(last)
             self.values[owner] = Record(whole.names, [value if i == at else v for i, v in enumerate(whole)])
             return
-        self.values[name] = arrays.replaced(self.values[name], indices, value) if indices else value
+        self.values[name] = array_values.replaced(self.values[name], indices, value) if indices else value
 
     def call_function(self, function: Function, args: tuple[Expression, ...]) -> Value:
         """Return the result of a function of the model."""
@@ -204,7 +204,7 @@ class Evaluator:
                 chosen = self.scalar(condition)
                 if chosen.op == "const":
                     return self.value(then if chosen.value else otherwise)
-                return arrays.select(self.builder, chosen, self.value(then), self.value(otherwise))
+                return array_values.select(self.builder, chosen, self.value(then), self.value(otherwise))
             case Array(items):
                 return [self.value(i) for i in items]
             case Comprehension(item, variable, values):
@@ -246,9 +246,9 @@ class Evaluator:
         index = self.value(first)
         try:
             if isinstance(index, list):
-                return [self._element(arrays.element(self.builder, value, i), rest, name) for i in scalars(index)]
+                return [self._element(array_values.element(self.builder, value, i), rest, name) for i in scalars(index)]
             if isinstance(index, Node):
-                return self._element(arrays.element(self.builder, value, index), rest, name)
+                return self._element(array_values.element(self.builder, value, index), rest, name)
         except IndexError as error:
             raise self.fail(f"the subscript {error} of {name!r}") from None
         raise self.fail(f"a subscript of {name!r}")
@@ -299,7 +299,7 @@ class Evaluator:
                 return found
         values = [self.value(a) for a in args]
         if len(values) == 1 and function in UNARY:
-            return arrays.mapped(lambda n: self.builder.unary(function, n), values[0])
+            return array_values.mapped(lambda n: self.builder.unary(function, n), values[0])
         op = OPERATORS.get(function, "")
         if len(values) == 2 and op in BINARY:
             left, right = values
@@ -308,10 +308,10 @@ class Evaluator:
             if isinstance(left, list) and isinstance(right, list) and function in ("*", "/", "^"):
                 if function != "*":
                     raise self.fail(f"the matrix operation {function!r}")
-                return arrays.product(self.builder, left, right)
+                return array_values.product(self.builder, left, right)
             if op == "div" and any(n is self.builder.zero for n in scalars(right)):
                 raise self.fail("a division by zero")
-            return arrays.elementwise(lambda a, b: self.builder.binary(op, a, b), left, right)
+            return array_values.elementwise(lambda a, b: self.builder.binary(op, a, b), left, right)
         raise self.fail(f"{function!r} with {len(args)} arguments")
 
     def _special(self, function: str, args: tuple[Expression, ...]) -> Value | None:
@@ -329,5 +329,5 @@ class Evaluator:
             case "terminal", ():
                 return self.builder.zero
             case "cat", (dimension, *items):
-                return arrays.concatenated([self.value(i) for i in items], self.integer(dimension) - 1)
+                return array_values.concatenated([self.value(i) for i in items], self.integer(dimension) - 1)
         return None

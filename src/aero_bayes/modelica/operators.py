@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
-from aero_bayes.modelica import arrays
-from aero_bayes.modelica.arrays import Record, ShapeError, Value, scalars
+from aero_bayes.modelica import array_values
+from aero_bayes.modelica.array_values import Record, ShapeError, Value, scalars
 from aero_bayes.modelica.expression import Builder, Node
 from aero_bayes.modelica.syntax import Expression, Number
 
@@ -124,23 +124,23 @@ class Operators:
         if isinstance(left, str) and isinstance(right, str) and op in ("eq", "ne"):
             return self.builder.const(float((left == right) is (op == "eq")))
         if self.events is None:
-            return arrays.elementwise(lambda a, b: self.builder.binary(op, a, b), left, right)
+            return array_values.elementwise(lambda a, b: self.builder.binary(op, a, b), left, right)
         events = self.events
-        return arrays.elementwise(lambda a, b: events.relation(op, a, b), left, right)
+        return array_values.elementwise(lambda a, b: events.relation(op, a, b), left, right)
 
     def call(self, function: str, args: Sequence[Value]) -> Value | None:
         """Return the value of one of :data:`EVENT_OPERATORS`, or None where it has other arguments.
 
         ``der`` goes by the chain rule down to the symbols ``der(x)``; ``pre`` of what is continuous is its left limit.
         Raises LookupError for what has no value here."""
-        b, apply = self.builder, arrays.elementwise
+        b, apply = self.builder, array_values.elementwise
         match function, args:
             case "der", (value,):
-                return arrays.mapped(self._rate, value)
+                return array_values.mapped(self._rate, value)
             case (("pre" | "edge" | "change"), (value,)):
                 if self.events is None:
                     raise LookupError(f"{function}() outside of equations")
-                before = arrays.mapped(self._pre, value)
+                before = array_values.mapped(self._pre, value)
                 if function == "pre":
                     return before
                 if function == "change":
@@ -153,14 +153,14 @@ class Operators:
                     raise LookupError("sample() outside of equations")
                 return self.events.sample(number_in(start), number_in(interval))
             case (("floor" | "integer"), (value,)):
-                return arrays.mapped(self._floor, value)
+                return array_values.mapped(self._floor, value)
             case "ceil", (value,):
-                return arrays.mapped(lambda x: b.neg(self._floor(b.neg(x))), value)
+                return array_values.mapped(lambda x: b.neg(self._floor(b.neg(x))), value)
             case (("div" | "mod" | "rem"), (left, right)):
                 return apply(lambda x, y: self._divide(function, x, y), left, right)
             case "semiLinear", (flow, up, down):
                 positive = scalars(self.relation("ge", number_in(flow), b.zero))[0]
-                return apply(b.mul, arrays.select(b, positive, up, down), number_in(flow))
+                return apply(b.mul, array_values.select(b, positive, up, down), number_in(flow))
         return None
 
     def _rate(self, node: Node) -> Node:

@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import product
 
-from aero_bayes.modelica import arrays
-from aero_bayes.modelica.arrays import Record, ShapeError, Value
+from aero_bayes.modelica import array_values
+from aero_bayes.modelica.array_values import Record, ShapeError, Value
 from aero_bayes.modelica.evaluation import Evaluator
 from aero_bayes.modelica.expression import Builder, Node, topological_order
 from aero_bayes.modelica.flat import FlatEquation, Function
@@ -112,7 +112,7 @@ class Scope(Evaluator):
             self.place = equation.place
             left, right = self.value(equation.left), self.value(equation.right)
             try:
-                found += arrays.pairs(left, right)
+                found += array_values.pairs(left, right)
             except ShapeError as error:
                 raise self.fail(f"{error} in one equation") from None
         self.place = None
@@ -140,7 +140,7 @@ class Scope(Evaluator):
             if a.default is not None:
                 inner.values[a.name] = inner.value(a.default)
             elif a.sizes and not any(isinstance(s, WholeDimension) for s in a.sizes):
-                inner.values[a.name] = arrays.filled(self.builder.zero, [inner.integer(s) for s in a.sizes])
+                inner.values[a.name] = array_values.filled(self.builder.zero, [inner.integer(s) for s in a.sizes])
             elif a.type in self.records:
                 inner.values[a.name] = Record(self.records[a.type], [self.builder.zero] * len(self.records[a.type]))
         inner.run(function.body)
@@ -226,5 +226,5 @@ class Scope(Evaluator):
         for name, y in otherwise.items():
             if name in then:
                 x = then[name]
-                merged[name] = x if x is y else arrays.select(self.builder, condition, x, y)
+                merged[name] = x if x is y else array_values.select(self.builder, condition, x, y)
         return merged

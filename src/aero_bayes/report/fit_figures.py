@@ -8,8 +8,8 @@ import numpy as np
 from markupsafe import Markup
 
 from aero_bayes.arrays import FloatArray
+from aero_bayes.estimate.log_posterior import LikelihoodProfile
 from aero_bayes.estimate.noise import autocorrelation
-from aero_bayes.estimate.target import LikelihoodProfile
 from aero_bayes.report.curves import FINAL_SERIES, largest, left_over
 from aero_bayes.report.drawing import Band, Dots, Layer, Line, Panel, Plate, plate
 from aero_bayes.report.run_directory import RunDirectory

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from aero_bayes.arrays import FloatArray
-from aero_bayes.data.noise import noise_floors
+from aero_bayes.data.noise_floor import noise_floors
 from aero_bayes.data.recording import Recording
 from aero_bayes.estimate.prediction import Predictive
 from aero_bayes.estimate.result import Fit

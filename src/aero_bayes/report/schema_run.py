@@ -10,12 +10,12 @@ from aero_bayes.data.split import Role
 from aero_bayes.estimate.crossvalidation import LeftOutPrediction
 from aero_bayes.estimate.diagnosis import DiagnosisRow
 from aero_bayes.estimate.identifiability import Combination, Estimate
+from aero_bayes.estimate.log_posterior import LikelihoodProfile
 from aero_bayes.estimate.noise_estimation import Sensor
 from aero_bayes.estimate.posterior import McmcJson
 from aero_bayes.estimate.propose import DesignJson
 from aero_bayes.estimate.residual_tests import ResidualReport
 from aero_bayes.estimate.result import FitJson
-from aero_bayes.estimate.target import LikelihoodProfile
 from aero_bayes.loop.result import LoopJson
 from aero_bayes.plain import ByName, JsonNumber, JsonTable
 

@@ -278,12 +278,13 @@ def _picked(path: Path, structure: _Structure) -> dict[str, tuple[Variable, ...]
 
 def _description(path: Path, root: Element, interface: Element, three: bool) -> ModelDescription:
     structure, exchange = _Structure(root, three), interface.tag == "ModelExchange"
-    check_variables(path, [row.variable for row in structure.rows])
+    variables = [row.variable for row in structure.rows]
+    check_variables(path, variables)
     identifier = interface.get("modelIdentifier", "")
     if not identifier or "/" in identifier or "\\" in identifier:
         raise InputError(f"{path}: the model identifier {identifier!r} is not a file name")
     states, derivatives, depends = _states(path, structure) if exchange else ({}, [], [])
-    position = {at: k for k, at in enumerate(states)}
+    position, named = {at: k for k, at in enumerate(states)}, {s.value_reference: s.name for s in states.values()}
     pick = _picked(path, structure)
     outputs = [(row.variable, on) for row, on in structure.unknowns("Outputs", "Output") if row.own is not None]
     if three:
@@ -329,7 +330,19 @@ def _description(path: Path, root: Element, interface: Element, three: bool) -> 
         ),
         relay=next(map(_relay, root.iterfind(_RELAY)), None),
         fixed_starts=tuple(o.get("state", "") for o in root.iterfind(_FIXED_STARTS)),
+        state_aliases={v.name: named[v.value_reference] for v in variables if v.value_reference in named},
+        feedthrough=_feedthrough(structure),
     )
+
+
+def _feedthrough(structure: _Structure) -> dict[int, frozenset[str]]:
+    """Return the inputs on which outputs and derivatives depend at once, all where that is not said."""
+    inputs = {k: r.variable.name for k, r in enumerate(structure.rows) if r.scalar.get("causality") == "input"}
+    parts = ("Outputs", "Output"), ("Derivatives", "ContinuousStateDerivative")
+    return {
+        row.variable.value_reference: frozenset(inputs[k] for k in (inputs if on is None else on) if k in inputs)
+        for part in parts for row, on in structure.unknowns(*part)
+    }  # fmt: skip
 
 
 def _relay(e: Element) -> DescribedRelay:

@@ -130,6 +130,10 @@ class Model(ModelDescription):
         A law that steps by the sign of a speed, which a simulator may hold on a side of it.
     fixed_starts : tuple of str
         States that start where the model says (``fixed = true``), where that is known: of Modelica and our own FMUs.
+    state_aliases : mapping of str to str
+        The state that a variable is by its value reference.
+    feedthrough : mapping of int to frozenset of str
+        The inputs on which an output or a derivative, by its value reference, depends at once.
     declared : PackageDeclaration
         What the package that it is from declares of its rigs.
     source : ModelicaSource, optional

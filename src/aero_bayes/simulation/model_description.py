@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal, get_args
 
@@ -117,6 +117,8 @@ class ModelDescription:
     operators: tuple[DescribedOperator, ...] = ()
     relay: DescribedRelay | None = None
     fixed_starts: tuple[str, ...] = ()
+    state_aliases: Mapping[str, str] = field(default_factory=dict)
+    feedthrough: Mapping[int, frozenset[str]] = field(default_factory=dict)
 
     @property
     def units(self) -> dict[str, str]:

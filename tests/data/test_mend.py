@@ -8,7 +8,7 @@ import heated_room
 import numpy as np
 import pytest
 
-from aero_bayes.data import Recording, screen
+from aero_bayes.data import Recording, mend
 from aero_bayes.data.find_table import DataFinding
 
 pytestmark = pytest.mark.fast
@@ -21,13 +21,13 @@ LATER = (np.arange(TIMES.size) >= 200) & (np.arange(TIMES.size) < 260)
 
 def only(recording: Recording) -> tuple[Recording, DataFinding]:
     """The one part and the one finding of a recording."""
-    (part,) = screen(recording)
+    (part,) = mend(recording)
     (finding,) = part.findings
     return part, finding
 
 
 def kinds(recording: Recording) -> set[str]:
-    return {finding.kind for part in screen(recording) for finding in part.findings}
+    return {finding.kind for part in mend(recording) for finding in part.findings}
 
 
 def put(rows: slice | list[int], value: float) -> Recording:
@@ -52,7 +52,7 @@ def test_an_impossible_value_of_an_input_is_held() -> None:
     given = heated_room.recording()
     outside = given.inputs["T_amb"].copy()
     outside[[70, 71]] = -999.0
-    (part,) = screen(Recording("run", given.time, {**given.inputs, "T_amb": outside}, given.outputs, given.units))
+    (part,) = mend(Recording("run", given.time, {**given.inputs, "T_amb": outside}, given.outputs, given.units))
     assert part.inputs["T_amb"][[70, 71]].tolist() == [given.inputs["T_amb"][69]] * 2
     assert [f.signal for f in part.findings] == ["T_amb"]
 
@@ -77,14 +77,14 @@ def without_rows(recording: Recording, first: int, last: int) -> Recording:
 
 
 def test_a_recording_is_cut_at_a_gap() -> None:
-    first, second = screen(without_rows(heated_room.recording(), 200, 290))
+    first, second = mend(without_rows(heated_room.recording(), 200, 290))
     assert (first.rows, second.rows) == (200, 310)
     assert (first.resumes, second.resumes) == (False, True)
     assert first.findings == second.findings
     assert first.findings[0].kind == "gap"
     assert "23880 s to 34800 s" in first.findings[0].what
     assert "201" in first.findings[0].where
-    assert screen(second) == (second,)
+    assert mend(second) == (second,)
 
 
 def test_what_inputs_did_is_known_where_they_were_constant_or_a_logger_writes_changes() -> None:
@@ -92,7 +92,7 @@ def test_what_inputs_did_is_known_where_they_were_constant_or_a_logger_writes_ch
     still = replace(given, inputs={name: np.full(given.rows, 5.0) for name in given.inputs})
     changes = given.rows_where(np.random.default_rng(4).random(given.rows) < 0.1, "run")
     for whole in (without_rows(still, 200, 290), changes):
-        assert len(screen(whole)) == 1
+        assert len(mend(whole)) == 1
 
 
 @pytest.mark.parametrize(("unit", "turn"), [("rad", 2.0 * np.pi), ("deg", 360.0)])
@@ -102,25 +102,25 @@ def test_an_angle_that_wraps(unit: str, turn: float) -> None:
     _, finding = only(Recording("run", time, {"u": np.sin(time)}, {"phi": angle}, {"phi": unit}))
     assert (finding.kind, finding.mended) == ("wrapped", False)
     assert "unwrap = true" in finding.done
-    assert screen(Recording("run", time, {"u": np.sin(time)}, {"phi": angle}, {"phi": "m"}))[0].findings == ()
+    assert mend(Recording("run", time, {"u": np.sin(time)}, {"phi": angle}, {"phi": "m"}))[0].findings == ()
 
 
 def test_nothing_is_found_in_recordings_without_a_fault() -> None:
     """False alarms are rarer than 1 in 10,000: no reading of noise repeats, and none is eight steps off."""
     for seed in range(40):
         given = heated_room.recording(rows=400, seed=seed)
-        assert screen(given) == (given,)
+        assert mend(given) == (given,)
         counted = heated_room.with_readings(given, lambda y: np.round(y, 1))
-        assert screen(counted) == (counted,)
+        assert mend(counted) == (counted,)
         settled = heated_room.with_readings(given, lambda y: 290.0 + np.round(10.0 * np.exp(-0.2 * np.arange(400)), 9))
-        assert screen(settled) == (settled,)
+        assert mend(settled) == (settled,)
     # a flow that a valve shuts off reads zero exactly, and a pulse train has the same height each time
     valve = (np.arange(600) % 60 < 40).astype(float)
     noise = 0.01 * np.random.default_rng(2).standard_normal(600)
     pulses = np.where(np.arange(600) % 100 < 3, 5.0, 1.0)
     outputs = {"q": np.where(valve > 0.0, 3.0 + noise, 0.0), "i": 2.0 * pulses + noise * 0.1}
     given = Recording("run", 0.1 * np.arange(600), {"valve": valve, "pulses": pulses}, outputs)
-    assert screen(given) == (given,)
+    assert mend(given) == (given,)
 
 
 def test_a_clock_that_is_set_back_begins_a_new_part() -> None:
@@ -128,14 +128,14 @@ def test_a_clock_that_is_set_back_begins_a_new_part() -> None:
     frame.index = np.where(np.arange(600) < 250, frame.index, frame.index - 3600.0)
     read = Recording.from_frame(frame, inputs=["P", "T_amb"], outputs="T", name="run", units=heated_room.UNITS)
     assert np.all(np.diff(read.time) > 0.0)
-    first, second = screen(read)
+    first, second = mend(read)
     assert (first.rows, second.rows) == (250, 350)
     assert (first.resumes, second.resumes) == (False, True)
     (finding,) = second.findings
     assert (finding.kind, finding.mended) == ("clock", True)
     assert "29880 s to 26400 s" in finding.what
     assert "251" in finding.where
-    assert screen(read.rows_where(np.arange(600) >= 250, "late"))[0].rows == 350
+    assert mend(read.rows_where(np.arange(600) >= 250, "late"))[0].rows == 350
 
 
 def test_an_arm_that_friction_holds_is_not_stuck() -> None:

@@ -18,7 +18,7 @@ from aero_bayes.estimate.calibrated_model import CalibratedModel, ListedValue, c
 from aero_bayes.estimate.calibration import Calibration
 from aero_bayes.estimate.identifiability import Estimate
 from aero_bayes.estimate.initial_states import DIFFUSION_PREFIX
-from aero_bayes.estimate.laplace import Laplace
+from aero_bayes.estimate.intervals import Laplace
 from aero_bayes.estimate.measured_data import MeasuredData
 from aero_bayes.estimate.noise import OutputNoise, block_variance_ratio
 from aero_bayes.estimate.prediction import FittedResult

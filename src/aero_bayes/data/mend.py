@@ -26,7 +26,7 @@ from aero_bayes.data.columns import (
 )
 from aero_bayes.data.find_table import DataFinding, FindingKind, runs_of, told_numbers
 from aero_bayes.data.held import held_period
-from aero_bayes.data.noise import quantisation_step
+from aero_bayes.data.noise_floor import quantisation_step
 from aero_bayes.data.recording import Recording
 from aero_bayes.display import with_unit
 
@@ -296,7 +296,7 @@ def _before_first_message(values: FloatArray, rows: int, inputs: Mapping[str, Fl
     return rows if outside > np.ptp(rest) else 0
 
 
-def screen(recording: Recording) -> tuple[Recording, ...]:
+def mend(recording: Recording) -> tuple[Recording, ...]:
     """Mend what is wrong with the readings of a recording.
 
     Readings that are no readings (constants that stand for none, a stuck or clipped sensor) become gaps. A recording

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import hashlib
-import zipfile
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from xml.etree import ElementTree
 
 import numpy as np
 
@@ -16,7 +14,7 @@ from aero_bayes.errors import InputError
 from aero_bayes.laws.aliases import AliasStructure, alias_structure
 from aero_bayes.laws.balance import Signal
 from aero_bayes.laws.candidates import PlacedLaw, identifier
-from aero_bayes.laws.coupled_fmu import BASE, INPUT, STATE, UNREAD_SUFFIX, Source, Terms
+from aero_bayes.laws.coupled_fmu import BASE, INPUT, STATE, UNREAD_SUFFIX, LinearSum, Source
 from aero_bayes.laws.law_models import LawModels
 from aero_bayes.laws.probes import with_probe
 from aero_bayes.modelica.causalisation import causalise
@@ -39,19 +37,18 @@ def built_once(folder: Path, name: str, of: str, build: Callable[[Path], object]
 
 
 @dataclass(frozen=True, eq=False)
-class OpenModel:
+class ProbedModel:
     """A model with open ports.
 
     ``inputs`` are its own, ``probes`` the inputs that stand for a law's output by the id of the port, which count
-    ``gain`` times. ``signals`` and ``rates`` say where a signal and its derivative are found. ``needs`` has the inputs
-    on which outputs depend at once, ``copies`` the states that outputs are as long as no probe acts on them."""
+    ``gain`` times. ``signals`` and ``rates`` say where a signal and its derivative are found. ``copies`` has the
+    states that outputs are as long as no probe acts on them."""
 
     model: Model
     inputs: tuple[str, ...]
     probes: Mapping[str, str]
-    signals: Mapping[Signal, Terms]
-    rates: Mapping[Signal, Terms] = field(default_factory=dict)
-    needs: Mapping[Source, frozenset[str]] = field(default_factory=dict)
+    signals: Mapping[Signal, LinearSum]
+    rates: Mapping[Signal, LinearSum] = field(default_factory=dict)
     hidden: frozenset[str] = frozenset()
     gain: float = 1.0
     copies: Mapping[str, int] = field(default_factory=dict)
@@ -59,7 +56,7 @@ class OpenModel:
 
     def output_needs(self, name: str) -> frozenset[str]:
         """Return the inputs on which an output depends at once."""
-        return self.needs.get(Source(BASE, self.model.output(name).value_reference), frozenset())
+        return self.model.feedthrough.get(self.model.output(name).value_reference, frozenset())
 
 
 #: Points at which a curve is evaluated.
@@ -113,15 +110,6 @@ def curve_basis(placed: PlacedLaw, models: LawModels) -> CurveBasis:
     return CurveBasis(x, placed.port.units.get(law.curve_input, ""), plain, rows, placed.port.unit)
 
 
-def state_aliases(model: Model) -> dict[str, str]:
-    """Return the state that each variable of an FMU 2.0 is an alias of: both have one value reference."""
-    with zipfile.ZipFile(model.path) as archive:
-        root = ElementTree.fromstring(archive.read("modelDescription.xml"))
-    states = {str(s.value_reference): s.name for s in model.states}
-    variables = [(v.get("name", ""), v.get("valueReference", "")) for v in root.iter("ScalarVariable")]
-    return {name: states[reference] for name, reference in variables if reference in states}
-
-
 def states_by_base_name(
     model: Model, structure: AliasStructure, aliases: Mapping[str, str], outputs: Mapping[str, str]
 ) -> dict[str, str]:
@@ -149,14 +137,14 @@ PROBE, SIGNAL, RATE = "probe_", "signal_", "rate_of_"
 Places = Mapping[str, tuple[Source, int]]
 
 
-def open_model(
+def probed_model(
     base: Model,
     placed_laws: Sequence[PlacedLaw],
     closed: FlatModel,
     export: Callable[[FlatModel], Model],
     *,
     with_rates: bool = True,
-) -> OpenModel:
+) -> ProbedModel:
     """Return a model with its ports open for some laws. ``base`` is the same model without open ports, as ``closed``.
 
     Where a law acts at once on an output, the derivative of that output is not known: then no ``rates`` are."""
@@ -191,14 +179,14 @@ def open_model(
         except InputError:
             if not rated:
                 raise
-            return open_model(base, placed_laws, closed, export, with_rates=False)
+            return probed_model(base, placed_laws, closed, export, with_rates=False)
         places = _places(model, structure)
     model = export(flat) if model is base else model
     places = _places(model, structure)
     positions = _base_states(base, places, structure)
     states = {s.value_reference: k for k, s in enumerate(model.states)}
 
-    def found(kind: str, signal: Signal) -> Terms:
+    def found(kind: str, signal: Signal) -> LinearSum:
         name = str(signal)
         if kind == RATE and name in copied:
             return ((Source(BASE, model.derivatives[positions[copied[name]]]), 1.0),)
@@ -214,17 +202,17 @@ def open_model(
         names[there] = base.states[k].name
     # outputs that are states of the base are none while a probe acts on them
     copies = {n: positions[k] for n, k in copied.items() if model.output(n).value_reference not in states}
-    return OpenModel(
+    return ProbedModel(
         model, tuple(v.name for v in model.inputs if v.name not in probes.values()), probes,
         {one: found(SIGNAL, one) for one in signals}, {one: found(RATE, one) for one in rated},
-        _needs(model), frozenset(shown.values()), copies=copies, state_names=names,
+        frozenset(shown.values()), copies=copies, state_names=names,
     )  # fmt: skip
 
 
 def _base_states(base: Model, there: Places, structure: AliasStructure) -> dict[int, int]:
     """Return the position in a model with open ports of each state of the base."""
     found = {}
-    aliases = state_aliases(base)
+    aliases = base.state_aliases
     for k, state in enumerate(base.states):
         names = [state.name, *(n for n, s in aliases.items() if s == state.name)]
         places = [there[structure.of(n)] for n in names if structure.of(n) in there]
@@ -237,7 +225,7 @@ def _base_states(base: Model, there: Places, structure: AliasStructure) -> dict[
 def _places(model: Model, structure: AliasStructure) -> Places:
     """Return the classes of equal variables that are a state or an input of a model, and its sign there."""
     index = {s.name: k for k, s in enumerate(model.states)}
-    names = [*((s, s) for s in index), *state_aliases(model).items()]
+    names = [*((s, s) for s in index), *model.state_aliases.items()]
     found = [(name, Source(STATE, index[state])) for name, state in names]
     found += [(v.name, Source(INPUT, k)) for k, v in enumerate(v for v in model.inputs if not v.name.startswith(PROBE))]
     places: dict[str, tuple[Source, int]] = {}
@@ -245,19 +233,3 @@ def _places(model: Model, structure: AliasStructure) -> Places:
         if name in structure.variables:
             places.setdefault(structure.of(name), (source, structure.same.get(name, (name, 1))[1]))
     return places
-
-
-def _needs(model: Model) -> Mapping[Source, frozenset[str]]:
-    """Return the inputs on which each output depends at once, as the model description says."""
-    with zipfile.ZipFile(model.path) as archive:
-        root = ElementTree.fromstring(archive.read("modelDescription.xml"))
-    variables = list(root.iterfind("ModelVariables/ScalarVariable"))
-    inputs = {str(k): v.get("name", "") for k, v in enumerate(variables, 1) if v.get("causality") == "input"}
-    found = {}
-    for tag in ("Outputs", "Derivatives"):
-        for unknown in root.iterfind(f"ModelStructure/{tag}/Unknown"):
-            v = variables[int(unknown.get("index", "1")) - 1]
-            given = unknown.get("dependencies")
-            on = inputs.values() if given is None else [inputs[k] for k in given.split() if k in inputs]
-            found[Source(BASE, int(v.get("valueReference", "0")))] = frozenset(on)
-    return found

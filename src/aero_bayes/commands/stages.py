@@ -16,15 +16,15 @@ from aero_bayes.data.split import ROLES
 from aero_bayes.errors import CannotFinishError, InputError
 from aero_bayes.estimate.calibrated_model import CalibratedModel
 from aero_bayes.estimate.convergence import SampleSettings
+from aero_bayes.estimate.exports import noise_at_interval
 from aero_bayes.estimate.identifiability import Status, fixed_reasons
 from aero_bayes.estimate.initial_states import CalibrationSettings
 from aero_bayes.estimate.levenberg_marquardt import FitSettings, LocalSettings, Stage
+from aero_bayes.estimate.log_posterior import LOG_POSTERIOR_DROP_90, profile_likelihood
 from aero_bayes.estimate.noise import NoiseModel
-from aero_bayes.estimate.other_tools import noise_at_interval
 from aero_bayes.estimate.parameters import ParameterSet
 from aero_bayes.estimate.residual_tests import reports_by_recording
 from aero_bayes.estimate.result import Fit
-from aero_bayes.estimate.target import LOG_POSTERIOR_DROP_90, profile_likelihood
 from aero_bayes.loop.first_fit import LoopSettings
 from aero_bayes.loop.loop import close_loop
 from aero_bayes.loop.result import LoopResult

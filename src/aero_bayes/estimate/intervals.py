@@ -17,11 +17,11 @@ from aero_bayes.display import join_names
 from aero_bayes.estimate.calibration import Calibration
 from aero_bayes.estimate.identifiability import Estimate, Identifiability, Status, fixed_parameters
 from aero_bayes.estimate.local_fit import Optimum, parameter_covariance
+from aero_bayes.estimate.log_posterior import CurvatureAdjustment, NoiseLayout
 from aero_bayes.estimate.noise import OutputNoise, residual_correlation_time
 from aero_bayes.estimate.noise_estimation import log_density
 from aero_bayes.estimate.objective import Objective, Series
 from aero_bayes.estimate.parameters import Parameter, ParameterSet
-from aero_bayes.estimate.target import CurvatureAdjustment, NoiseLayout
 from aero_bayes.simulation.interface import NORMAL_HALF_WIDTH, StartTarget
 
 Readings = NDArray[np.int_]
@@ -195,8 +195,8 @@ def widened_covariance(objective: Objective, optimum: Optimum) -> FloatArray:
     """Compute the covariance of the free columns' posterior, in search coordinates."""
     items = ParameterSet(tuple(objective.parameters.items[j] for j in optimum.free))
     information = optimum.whitened.information
-    if (spread := curvature_adjustment(objective, optimum)) is not None:
-        information = spread.map.T @ information @ spread.map
+    if (widening := curvature_adjustment(objective, optimum)) is not None:
+        information = widening.map.T @ information @ widening.map
     second = items.prior_derivatives(optimum.coordinates[list(optimum.free)])[1]
     return parameter_covariance(information + items.prior_curvature(second, range(len(items))), items.prior_sd())
 

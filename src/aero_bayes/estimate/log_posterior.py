@@ -115,7 +115,7 @@ class CurvatureAdjustment:
         return np.asarray((coordinates - self.centre) @ self.slope)
 
 
-class Target:
+class LogPosterior:
     """Log-posterior of a calibration over some of its parameters, reduced in the engine."""
 
     def __init__(
@@ -126,9 +126,9 @@ class Target:
         free: Sequence[int],
         *,
         prior: bool = True,
-        spread: CurvatureAdjustment | None = None,
+        widening: CurvatureAdjustment | None = None,
     ) -> None:
-        self.calibration, self.simulator, self.prior, self.spread = calibration, simulator, prior, spread
+        self.calibration, self.simulator, self.prior, self.widening = calibration, simulator, prior, widening
         self.objective = objective_of(calibration, simulator)
         self.base, self.free = np.asarray(base, dtype=np.float64), tuple(free)
         items = calibration.parameters.items
@@ -151,14 +151,14 @@ class Target:
 
     def log_likelihood(self, coordinates: FloatArray, noise: FloatArray) -> FloatArray:
         """Compute the log-likelihood of each experiment, shape (n, E); minus infinity where the run failed."""
-        at = coordinates if self.spread is None else self.spread(coordinates)
+        at = coordinates if self.widening is None else self.widening(coordinates)
         return self.objective.log_likelihood(self.values(at), noise)
 
     def cost(self, coordinates: FloatArray, noise: FloatArray) -> FloatArray:
         """Compute the negative log-posterior at given noise, shape (n,)."""
         total = np.sum(self.log_likelihood(coordinates, noise), axis=1)
-        if self.spread is not None:
-            total = total + self.spread.added(coordinates)
+        if self.widening is not None:
+            total = total + self.widening.added(coordinates)
         if self.prior:
             total = total + self.parameters.log_prior(coordinates)
         return np.where(np.isfinite(total), -total, np.inf)
@@ -169,15 +169,15 @@ class Target:
 
         def quadratic(point: FloatArray) -> QuadraticModel | None:
             full = base.copy()
-            full[free] = point if self.spread is None else self.spread(point[None])[0]
+            full[free] = point if self.widening is None else self.widening(point[None])[0]
             found = self.objective.evaluate(full, free)
             if found is None:
                 return None
             white = self.objective.whiten(found, noise)
             cost, gradient, hessian = -white.log_likelihood, -white.score, white.information
-            if self.spread is not None:
-                gradient, hessian = gradient @ self.spread.map, self.spread.map.T @ hessian @ self.spread.map
-                cost, gradient = cost - float(self.spread.added(point[None])[0]), gradient - self.spread.slope
+            if self.widening is not None:
+                gradient, hessian = gradient @ self.widening.map, self.widening.map.T @ hessian @ self.widening.map
+                cost, gradient = cost - float(self.widening.added(point[None])[0]), gradient - self.widening.slope
             if self.prior:
                 first, second = self.parameters.prior_derivatives(point)
                 cost -= float(self.parameters.log_prior(point[None])[0])
@@ -188,12 +188,12 @@ class Target:
         return FixedCost(quadratic)
 
 
-class JointTarget:
+class JointLogPosterior:
     """Joint log-posterior of parameters and noise, for a sampler.
 
     A point has the ``f`` free parameters, then the ``q`` noise parameters; points have shape (n, f + q)."""
 
-    def __init__(self, target: Target, layout: NoiseLayout) -> None:
+    def __init__(self, target: LogPosterior, layout: NoiseLayout) -> None:
         self.target, self.layout = target, layout
         self.names = target.parameters.names + layout.names
 
@@ -205,8 +205,8 @@ class JointTarget:
     def axes(self) -> FloatArray:
         """Linear functions of a point along which the likelihood may have corners: its own coordinates (d, d)."""
         axes = np.eye(self.dimension)
-        if self.target.spread is not None:
-            axes[: len(self.target.free), : len(self.target.free)] = self.target.spread.map
+        if self.target.widening is not None:
+            axes[: len(self.target.free), : len(self.target.free)] = self.target.widening.map
         return axes
 
     def log_prior(self, points: FloatArray) -> FloatArray:
@@ -224,8 +224,8 @@ class JointTarget:
         if inside.any():
             noise = self.layout.unpack(points[inside, f:])
             likelihood = np.sum(self.target.log_likelihood(points[inside, :f], noise), axis=1)
-            if self.target.spread is not None:
-                likelihood = likelihood + self.target.spread.added(points[inside, :f])
+            if self.target.widening is not None:
+                likelihood = likelihood + self.target.widening.added(points[inside, :f])
             total[inside] += np.where(np.isnan(likelihood), -np.inf, likelihood)
         return total
 
