@@ -166,7 +166,7 @@ def screened(size):
     x = rows(TIME)
     y = x @ [1.0, 2.0, size] + 0.1 * np.random.default_rng(3).normal(size=TIME.size)
     fitted = study([TIME], [y[:, None]], lambda t, k: rows(t), [free(n) for n in "abc"], 2)[-1]
-    return x, y, Screen(fitted, fitted.model, "wave", Folds.of(fitted)).run()
+    return x, y, Screen(fitted, fitted.model, "wave", Folds.of(fitted), np.array([0.05])).run()
 
 
 def ridge(x, y):
@@ -189,3 +189,6 @@ def test_the_smallest_size_raises_what_is_left_by_a_third():
     alone = ridge(x[:, :2], y)
     assert np.mean([np.sum(r**2) for r in more]) == pytest.approx(np.sum(alone**2) / 0.75**2, rel=1e-3)
     assert (found.port, found.parameter) == ("one", ("c", "1"))
+    # its nominal size is one, and the sensor's noise half of what the fit leaves
+    assert found.response == pytest.approx(np.linalg.norm(ridge(x[:, :2], x[:, 2])) / 0.05, rel=1e-3)
+    assert found.imitators == ()
