@@ -18,7 +18,7 @@ from aero_bayes.estimate.local_fit import Optimum
 from aero_bayes.estimate.noise import residual_correlation_time
 from aero_bayes.estimate.outliers import outlier_rows
 from aero_bayes.estimate.result import Fit
-from aero_bayes.estimate.simulate import FIRST_ROWS, ModelFamily, Place, beginnings, on_recordings
+from aero_bayes.estimate.simulate import FEWEST_ROWS, ModelFamily, Place, beginnings, on_recordings
 from aero_bayes.plain import INTERNAL, Number
 from aero_bayes.simulation.interface import Problem, Simulator
 
@@ -156,7 +156,7 @@ class Predictor:
         begins = [next((p.begin for p in self.recordings.parts_of(r, "test")), None) for r in everything]
         for ends in ([None] * len(everything), begins)[: 1 + also_without_test]:
             rows = [
-                _rows_until(r, end) if k in chosen else FIRST_ROWS
+                _rows_until(r, end) if k in chosen else FEWEST_ROWS
                 for k, (r, end) in enumerate(zip(everything, ends, strict=True))
             ]
             with self.open_simulator(beginnings(whole, rows).problem()) as simulator:

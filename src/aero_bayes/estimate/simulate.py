@@ -43,7 +43,7 @@ from aero_bayes.simulation.model import Model
 #: estimated, and the most of its readings that this may be.
 START_INFORMATION, MOST_FOR_STARTS = 0.95, 0.5
 #: Samples of a recording that is not looked at, and fewest that tell its initial states.
-FIRST_ROWS = 20
+FEWEST_ROWS = 20
 
 
 class ModelFamily(Protocol):
@@ -108,7 +108,7 @@ def on_recordings(
     ends = [
         r.rows if place.confirming is None else place.confirming for r, place in zip(recordings, places, strict=True)
     ]
-    lengths = [end if k in new else FIRST_ROWS for k, end in enumerate(ends)]
+    lengths = [end if k in new else FEWEST_ROWS for k, end in enumerate(ends)]
     found = _with_estimated_starts(whole, rows[0], estimated, lengths, short, noise, open_simulator)
     return whole, np.vstack([found, rows[1:] + (found - rows[0])])
 
@@ -275,13 +275,13 @@ def _informative_rows(
         objective = objective_of(whole, simulator)
         found, kept = objective.evaluate(at, starts), list(rows)
     for k in short:
-        least = FIRST_ROWS
+        least = FEWEST_ROWS
         for series, slopes in zip(objective.series, (found.slopes or ()) if found else (), strict=False):
             if series.experiment == k:
                 seen = np.cumsum(slopes**2, axis=1)
                 enough = np.argmax(seen >= START_INFORMATION * seen[:, -1:], axis=1)
                 least = max(least, int(series.sampling.index[enough.max(initial=0)]) + 1)
-        kept[k] = min(least, max(int(MOST_FOR_STARTS * rows[k]), FIRST_ROWS))
+        kept[k] = min(least, max(int(MOST_FOR_STARTS * rows[k]), FEWEST_ROWS))
     return kept
 
 
