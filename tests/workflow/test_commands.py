@@ -80,3 +80,17 @@ def test_least_squares_costs_reach_their_own_minimum(tmp_path: Path) -> None:
     assert sums["eq6"] == pytest.approx(sums["posterior"], rel=0.05)
     assert sums["weighted"] == pytest.approx(sums["posterior"], rel=0.05)
     assert sums["weighted"] <= sums["posterior"] * (1.0 + 1e-5)
+
+
+@pytest.mark.long
+def test_all_samples_the_model_that_the_loop_extended(tmp_path: Path) -> None:
+    cart, out = Path(__file__).parents[2] / "examples" / "cart", tmp_path / "out"
+    given = {"config": "rig.toml", "data": "train.csv", "test": "test.csv"}
+    options = [word for key, name in given.items() for word in (f"--{key}", str(cart / name))]
+    done = CliRunner().invoke(main, ["all", *options, "--out", str(out), "--quiet"])
+    assert done.exit_code == 0, done.output
+    result = json.loads((out / "result.json").read_text("utf-8"))
+    assert [effect["id"] for effect in result["loop"]["effects"]] == ["coulomb_friction@v"]
+    assert result["mcmc"]["converged"]
+    assert result["parameters"]["F_c"]["q05"] < 0.4 < result["parameters"]["F_c"]["q95"]
+    assert {"Rig_coulomb_friction_fitted.mo", "report.html", "posterior.nc"} <= {path.name for path in out.iterdir()}
