@@ -219,3 +219,7 @@ def test_names_that_are_not_there_list_those_that_are(test_fmu):
     with pytest.raises(InputError, match="mu"):
         test_fmu("VanDerPol").parameter("nu")
     assert test_fmu("VanDerPol").state_index("x1") == 1
+
+
+def test_a_model_can_be_a_key(test_fmu):
+    assert {Model.load(test_fmu("VanDerPol").path)} == {test_fmu("VanDerPol")}

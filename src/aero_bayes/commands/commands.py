@@ -157,7 +157,7 @@ def run_all(files: Sequence[Path], tests: Sequence[Path], options: RunOptions) -
         if loop is not None:
             story = loop_part(job, loop)
             series = loop_series(loop) | measured_series((*job.validation, *job.tests)) | series
-            result = merge(result, {key: story[key] for key in ("parameters", "loop", "words")})
+            result = merge(result, {key: story[key] for key in ("loop", "words")})
         result, series = _with_posterior((result, series), posterior)
         # The loop holds what the first fit did not see.
         first, told = plain(base.parameters), result["parameters"]

@@ -14,6 +14,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from aero_bayes.arrays import FloatArray
+from aero_bayes.estimate.other_reading import after_step
 from aero_bayes.estimate.parameters import prior_curvature
 from aero_bayes.loop.folds import Folds
 from aero_bayes.loop.models import CandidateModel, FittedModel
@@ -189,8 +190,7 @@ class Screen:
         sizes, chosen, rest = np.maximum(np.linalg.norm(slopes, axis=1), 1e-300), list[int](), change
         while np.linalg.norm(rest) > MOST_LEFT * np.linalg.norm(change) and len(chosen) < len(slopes):
             chosen.append(int(np.argmax(np.abs(slopes @ rest) / sizes)))
-            own = slopes[chosen]
-            rest = change - np.linalg.lstsq(own.T, change, rcond=1e-9)[0] @ own
+            rest = after_step(slopes[chosen], change)
         self.imitators = tuple(names[self.fitted.optimum.free[k]] for k in chosen)
 
     def _add(

@@ -207,6 +207,10 @@ def read_description(path: Path, root: Element) -> ModelDescription:
         raise InputError(f"{path}: modelDescription.xml contradicts FMI {version}: {error}") from error
 
 
+#: A variable, and the places of those that it depends on; None where that is not said.
+_Unknown = tuple[_Row, list[int] | None]
+
+
 class _Structure:
     """The variables of a model, and the places in their list of what its structure names.
 
@@ -223,7 +227,7 @@ class _Structure:
             raise ValueError(f"{what} is said to be variable {number} of {len(self.rows)}")
         return self.places[int(number)]
 
-    def unknowns(self, two: str, three: str) -> list[tuple[_Row, list[int] | None]]:
+    def unknowns(self, two: str, three: str) -> list[_Unknown]:
         """Return variables of one part of the structure, and what they depend on, None where that is not said."""
         found = []
         for unknown in self.root.iterfind(f"ModelStructure/{three}" if self.three else f"ModelStructure/{two}/Unknown"):
@@ -234,12 +238,14 @@ class _Structure:
         return found
 
 
-def _states(path: Path, structure: _Structure) -> tuple[dict[int, Variable], list[int], list[set[int] | None]]:
+def _states(
+    path: Path, structure: _Structure, rates: Sequence[_Unknown]
+) -> tuple[dict[int, Variable], list[int], list[set[int] | None]]:
     """Return states by their places, value references of their derivatives, and what these depend on."""
     states: dict[int, Variable] = {}
     derivatives: list[int] = []
     depends: list[set[int] | None] = []
-    for row, known in structure.unknowns("Derivatives", "ContinuousStateDerivative"):
+    for row, known in rates:
         variable = row.variable
         if row.own is None or row.own.get("derivative") is None:
             raise InputError(f"{path}: {variable.name!r} is listed as a derivative but names no state")
@@ -283,15 +289,15 @@ def _description(path: Path, root: Element, interface: Element, three: bool) -> 
     identifier = interface.get("modelIdentifier", "")
     if not identifier or "/" in identifier or "\\" in identifier:
         raise InputError(f"{path}: the model identifier {identifier!r} is not a file name")
-    states, derivatives, depends = _states(path, structure) if exchange else ({}, [], [])
+    rates = structure.unknowns("Derivatives", "ContinuousStateDerivative") if exchange else []
+    states, derivatives, depends = _states(path, structure, rates)
     position, named = {at: k for k, at in enumerate(states)}, {s.value_reference: s.name for s in states.values()}
     pick = _picked(path, structure)
-    outputs = [(row.variable, on) for row, on in structure.unknowns("Outputs", "Output") if row.own is not None]
+    given = structure.unknowns("Outputs", "Output")
+    outputs = [(row.variable, on) for row, on in given if row.own is not None]
     if three:
-        indicators, asks = (
-            len(structure.unknowns("", "EventIndicator")),
-            is_true(interface, "needsCompletedIntegratorStep"),
-        )
+        indicators = len(structure.unknowns("", "EventIndicator"))
+        asks = is_true(interface, "needsCompletedIntegratorStep")
     else:
         indicators = int(root.get("numberOfEventIndicators", "0"))
         asks = not is_true(interface, "completedIntegratorStepNotNeeded")
@@ -331,18 +337,17 @@ def _description(path: Path, root: Element, interface: Element, three: bool) -> 
         relay=next(map(_relay, root.iterfind(_RELAY)), None),
         fixed_starts=tuple(o.get("state", "") for o in root.iterfind(_FIXED_STARTS)),
         state_aliases={v.name: named[v.value_reference] for v in variables if v.value_reference in named},
-        feedthrough=_feedthrough(structure),
+        feedthrough=_feedthrough(structure, [*given, *rates]),
     )
 
 
-def _feedthrough(structure: _Structure) -> dict[int, frozenset[str]]:
+def _feedthrough(structure: _Structure, unknowns: Sequence[_Unknown]) -> dict[int, frozenset[str]]:
     """Return the inputs on which outputs and derivatives depend at once, all where that is not said."""
     inputs = {k: r.variable.name for k, r in enumerate(structure.rows) if r.scalar.get("causality") == "input"}
-    parts = ("Outputs", "Output"), ("Derivatives", "ContinuousStateDerivative")
     return {
         row.variable.value_reference: frozenset(inputs[k] for k in (inputs if on is None else on) if k in inputs)
-        for part in parts for row, on in structure.unknowns(*part)
-    }  # fmt: skip
+        for row, on in unknowns
+    }
 
 
 def _relay(e: Element) -> DescribedRelay:

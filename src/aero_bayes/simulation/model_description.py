@@ -117,8 +117,8 @@ class ModelDescription:
     operators: tuple[DescribedOperator, ...] = ()
     relay: DescribedRelay | None = None
     fixed_starts: tuple[str, ...] = ()
-    state_aliases: Mapping[str, str] = field(default_factory=dict)
-    feedthrough: Mapping[int, frozenset[str]] = field(default_factory=dict)
+    state_aliases: Mapping[str, str] = field(default_factory=dict, compare=False, repr=False)
+    feedthrough: Mapping[int, frozenset[str]] = field(default_factory=dict, compare=False, repr=False)
 
     @property
     def units(self) -> dict[str, str]:
