@@ -32,6 +32,7 @@ from aero_bayes.commands.job import (
     which_model,
 )
 from aero_bayes.commands.stages import (
+    extended_job,
     fit_settings,
     loop_part,
     loop_settings,
@@ -150,20 +151,17 @@ def run_all(files: Sequence[Path], tests: Sequence[Path], options: RunOptions) -
             job = with_chosen_values(job, base)
             # With listed values the model of the job may be another class than that of the fit.
             loop = run_loop(job, progress, None if base.trials else base) if job.modelica else None
-            found = loop.after if loop is not None else base
-            checks = _checks(job, found, progress)
-            posterior = _sample(job, found, progress, checkpoint)
-        result, series = fit_part(job, found)
+            final = extended_job(job, loop) if loop is not None else job
+            found = base if final is job else fit_job(final, progress, checkpoint, again=True)
+            checks = _checks(final, found, progress)
+            posterior = _sample(final, found, progress, checkpoint)
+        result, series = _with_posterior(fit_part(final, found), posterior)
+        parts = [result, checks]
         if loop is not None:
             story = loop_part(job, loop)
             series = loop_series(loop) | measured_series((*job.validation, *job.tests)) | series
-            result = merge(result, {key: story[key] for key in ("loop", "words")})
-        result, series = _with_posterior((result, series), posterior)
-        # The loop holds what the first fit did not see.
-        first, told = plain(base.parameters), result["parameters"]
-        told |= {n: first[n] for n in first if n in job.parameters and told.get(n, {}).get("status") == "fixed"}
-        calibrated = loop.calibrated if loop is not None else _calibrated(job, found)
-        return _finish(job, "all", began, [result, checks], series, found, calibrated)
+            parts.append({key: story[key] for key in ("loop", "words")})
+        return _finish(final, "all", began, parts, series, found, _calibrated(final, found))
 
 
 def run_check(files: Sequence[Path], config_path: Path | None, model_name: str | None = None) -> None:
@@ -185,8 +183,9 @@ def run_check(files: Sequence[Path], config_path: Path | None, model_name: str |
     click.echo("\n\n".join(str(recording.summary()) for recording in recordings))
 
 
-def fit_job(job: Job, progress: ProgressBar, checkpoint: Checkpoint | None = None) -> Fit:
-    """Fit a job."""
+def fit_job(job: Job, progress: ProgressBar, checkpoint: Checkpoint | None = None, *, again: bool = False) -> Fit:
+    """Fit a job; ``again`` starts a local fit from the start values of recordings that were fitted before."""
+    settings = fit_settings(job)
     if not job.parameters:
         known = sorted(v.name for v in job.model.parameters)
         raise InputError(
@@ -197,11 +196,12 @@ def fit_job(job: Job, progress: ProgressBar, checkpoint: Checkpoint | None = Non
         job.recordings,
         job.model,
         parameters=job.parameters,
-        settings=fit_settings(job),
+        settings=replace(settings, method="local") if again else settings,
         seed=job.options.seed,
         workers=job.options.workers,
         progress=progress,
         checkpoint=checkpoint,
+        explain=not again,
     )
 
 

@@ -8,6 +8,7 @@ from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any, TypeVar
 
+import numpy as np
 from pydantic import BaseModel
 from threadpoolctl import threadpool_limits
 
@@ -33,7 +34,7 @@ from aero_bayes.progress import Piece, ProgressBar
 from aero_bayes.simulation.engines import open_simulator
 from aero_bayes.simulation.interface import ParameterTarget
 from aero_bayes.simulation.load_model import load_model
-from aero_bayes.simulation.model import ModelicaSource
+from aero_bayes.simulation.model import Model, ModelicaSource
 from aero_bayes.unknown_names import known_names_hint
 
 Settings = TypeVar("Settings", bound=Any)
@@ -156,6 +157,27 @@ def _check(settings: FitSettings) -> None:
         raise InputError(f'the loop fits by the posterior: [fit] cost is "{settings.cost}", expected "posterior"')
     if settings.method == "pso":
         raise InputError('the loop needs a local search: [fit] method is "pso", expected "pso+local" or "local"')
+
+
+def extended_job(job: Job, loop: LoopResult) -> Job:
+    """Return the job of the model that came out of the loop: its FMU, and the new parameters among the free ones.
+
+    The same job if nothing of the catalogue was added."""
+    added = [effect for effect in loop.effects if effect.kind == "catalogue"]
+    if not added:
+        return job
+    out = job.options.out
+    section = job.config.model
+    if job.modelica:
+        sources = [*section.sources, out / loop.modelica_path]
+        model = load_model(loop.model, sources=sources, libraries=section.libraries, folder=out)
+    else:
+        model = Model.load(out / f"{loop.model}.fmu")
+    freed = [p for p in later_of(job) if p.name in loop.parameters]
+    fixed = {name: value for name, value in job.fixed.items() if name not in loop.parameters}
+    parameters = job.parameters.extended([*freed, *loop.final.added])
+    found = [loop[p.name].value if p.name in loop.parameters else p.start for p in parameters]
+    return replace(job, name=loop.model, model=model, parameters=parameters.with_start(np.array(found)), fixed=fixed)
 
 
 def loop_part(job: Job, loop: LoopResult) -> Json:
